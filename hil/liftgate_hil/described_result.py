@@ -8,7 +8,7 @@
         @property
         def is_good(self) -> Annotated[bool, Shown("whether it is above 80 %")]: ...
 
-`Fit("a", 90.0).to_dict()` is {"percent": 90.0, "is_good": True}.
+`Fit("a", 90.0).to_dict()` is {"percent": 90.0, "is_good": True}. A TypedDict is described in the same way.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType, UnionType
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints, is_typeddict
 
 
 class Shown(NamedTuple):
@@ -34,7 +34,7 @@ class Shown(NamedTuple):
     by: str = ""
     is_flat: bool = False  # the keys of an object stand beside the others
     prefix: str = ""  # the same, and what they begin with
-    parts: Mapping[str, str] = MappingProxyType({})  # meanings of the fields of a tuple that states none itself
+    parts: Mapping[str, str] = MappingProxyType({})  # meanings of what is in a value whose type states none itself
 
 
 class DescribedResult:
@@ -122,7 +122,8 @@ def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
             continue
         path = shown.key or name
         found[path] = shown.meaning
-        found |= {f"{path}.{part}": meaning for part, meaning in shown.parts.items()}
+        items = f"{path}[]" if _is_list(hint) else path
+        found |= {f"{items}.{part}": meaning for part, meaning in shown.parts.items()}
         for part, meaning in zip(shown.names, shown.meanings, strict=True):
             path = f"{path}.{part}"
             found[path] = meaning
@@ -140,7 +141,7 @@ def _is_list(hint: Any) -> bool:
 def _result_in(hint: Any) -> type | None:
     """Return the class of results that a type consists of; None: it has none."""
     if isinstance(hint, type) and get_origin(hint) is None:
-        is_ours = issubclass(hint, DescribedResult) or hasattr(hint, "_fields")
+        is_ours = issubclass(hint, DescribedResult) or hasattr(hint, "_fields") or is_typeddict(hint)
         return hint if is_ours and shown_in(hint) else None
     if get_origin(hint) in (Annotated, UnionType) or get_args(hint):
         return next(filter(None, map(_result_in, get_args(hint))), None)

@@ -29,13 +29,11 @@ from liftgate_compiler import building, obtaining, packing, storage
 from liftgate_compiler.building import CompileError, check_numba
 from liftgate_compiler.calls import INT_OF_LONG_INT, INT_OF_STEP, System, call_long_int, call_step, last_error
 from liftgate_compiler.child import sharing
-from liftgate_compiler.durations import expected_s
-from liftgate_compiler.durations import note as note_duration
 from liftgate_compiler.kinds import Kind, kind_of
 from liftgate_compiler.loading import MachineCode
-from liftgate_compiler.texts import put_text
-from liftgate_compiler.tuples import all_finite, fill, overlay, picked, unflattened, with_item
-from liftgate_compiler.watching import GivenUpError, Watcher, unwatch, watch
+from liftgate_compiler.obtaining import GivenUpError, Watcher, unwatch, watch
+from liftgate_compiler.storage import expected_s, note_duration
+from liftgate_compiler.tuples import all_finite, fill, overlay, picked, put_text, unflattened, with_item
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher",

@@ -14,8 +14,7 @@ from numba.extending import lower_builtin, type_callable, typeof_impl
 from numba.np.arrayobj import load_item, store_item
 
 from liftgate_compiler.calls import System, call_long_int, call_step, last_error
-from liftgate_compiler.texts import ROOM, put_text
-from liftgate_compiler.tuples import all_finite, fill, overlay, picked, unflattened, with_item
+from liftgate_compiler.tuples import ROOM, all_finite, fill, overlay, picked, put_text, unflattened, with_item
 
 types: Any = numba.types
 _KINDS = {"i": types.int32, "l": types.int64}

@@ -1,5 +1,7 @@
 """Machine code on disk: a file for each entry point and kinds of its arguments, in the entry point's own folder.
 
+Beside these are the durations of the last compilations, so that a wait can be announced in advance.
+
 Nothing that another user could have written is read, since it would be executed.
 """
 
@@ -8,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import stat
 from collections.abc import Iterator
@@ -131,3 +134,35 @@ class Turn:
         except BlockingIOError:
             return False
         return True
+
+
+_DURATIONS = "durations.json"
+_LONGEST_S = 24 * 3600.0  # s; longer values are ignored as implausible
+
+
+def expected_s(name: str) -> float | None:
+    """Return how long an entry point took to compile the last time [s]; None: unknown."""
+    value = _durations().get(name)
+    return value if value is not None and 0.0 < value < _LONGEST_S else None
+
+
+def note_duration(name: str, seconds: float) -> None:
+    """Store how long the entry point `name` took to compile [s]; a failure to store it is ignored."""
+    found = {**_durations(), name: round(seconds, 1)}
+    with contextlib.suppress(OSError):
+        check_ours(root())
+        write_whole(root() / _DURATIONS, json.dumps(found).encode(), mode=0o600)
+
+
+def _durations() -> dict[str, float]:
+    try:
+        found = json.loads((root() / _DURATIONS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(found, dict):
+        return {}
+    return {
+        str(name): float(value)
+        for name, value in found.items()
+        if isinstance(value, int | float) and math.isfinite(value)
+    }

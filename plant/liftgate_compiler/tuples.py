@@ -1,9 +1,12 @@
-"""Operations on all numbers of a NamedTuple at once; machine code does them without a loop."""
+"""Operations on all numbers of a NamedTuple, or on text in arrays of bytes, at once: machine code has no loop."""
 
 from __future__ import annotations
 
 import math
 from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T", bound=tuple[Any, ...])
 
@@ -57,3 +60,15 @@ def overlay(upper: T, lower: T) -> T:
 def all_finite(numbers: tuple[float, ...]) -> bool:
     """Whether a NamedTuple of floats has neither infinity nor NaN in it."""
     return all(math.isfinite(number) for number in numbers)
+
+
+ROOM = 32  # bytes that machine code copies at once
+
+
+def put_text(target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int) -> None:
+    """Copy `length` bytes of `source` (m,) from `start` on to `target` (n,) from `at` on.
+
+    The source may lie before the target in the same array. Of the target's ROOM bytes from `at` on, those behind
+    the copied ones may hold anything afterwards.
+    """
+    target[at : at + length] = source[start : start + length]

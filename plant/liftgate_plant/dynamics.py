@@ -201,29 +201,30 @@ class Outputs(NamedTuple):
 
 
 @compilable
+def loaded(load: Load, voltage: float, rise: float, released: float) -> Load:
+    """Return the load with another source, its mean voltage [V] and its rise [V], and another latch release."""
+    return Load(
+        supply_voltage=voltage,
+        supply_rise=rise,
+        road_slope=load.road_slope,
+        ambient_temperature=load.ambient_temperature,
+        wind_pressure=load.wind_pressure,
+        snow_mass=load.snow_mass,
+        hand_force=load.hand_force,
+        external_torque=load.external_torque,
+        latch_released=released,
+        latch_cinched=load.latch_cinched,
+        handle_pulled=load.handle_pulled,
+        button_pressed=load.button_pressed,
+        obstacle=load.obstacle,
+    )
+
+
+@compilable
 def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
     """Return the inputs with another source: its mean voltage [V] and its rise over the step [V]."""
-    load = inputs.load
-    return Inputs(
-        inputs.left,
-        inputs.right,
-        Load(
-            supply_voltage=voltage,
-            supply_rise=rise,
-            road_slope=load.road_slope,
-            ambient_temperature=load.ambient_temperature,
-            wind_pressure=load.wind_pressure,
-            snow_mass=load.snow_mass,
-            hand_force=load.hand_force,
-            external_torque=load.external_torque,
-            latch_released=load.latch_released,
-            latch_cinched=load.latch_cinched,
-            handle_pulled=load.handle_pulled,
-            button_pressed=load.button_pressed,
-            obstacle=load.obstacle,
-        ),
-        inputs.frictions,
-    )
+    load = loaded(inputs.load, voltage, rise, inputs.load.latch_released)
+    return Inputs(inputs.left, inputs.right, load, inputs.frictions)
 
 
 @compilable

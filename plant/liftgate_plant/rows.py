@@ -13,7 +13,7 @@ from liftgate_compiler import compilable, picked
 from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput, drive_input
 from liftgate_plant.current import effective, peak
-from liftgate_plant.dynamics import Frictions, Inputs, Load
+from liftgate_plant.dynamics import Frictions, Inputs, Load, loaded
 from liftgate_plant.faults import DriveFaults, Faults
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
@@ -108,24 +108,11 @@ def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
     if faults.inputs == 0.0:
         return inputs
     load = inputs.load
+    released = load.latch_released if faults.latch_held == 0.0 else 0.0
     return Inputs(
         bridge_under(faults.left, inputs.left),
         bridge_under(faults.right, inputs.right),
-        Load(
-            supply_voltage=load.supply_voltage,
-            supply_rise=load.supply_rise,
-            road_slope=load.road_slope,
-            ambient_temperature=load.ambient_temperature,
-            wind_pressure=load.wind_pressure,
-            snow_mass=load.snow_mass,
-            hand_force=load.hand_force,
-            external_torque=load.external_torque,
-            latch_released=load.latch_released if faults.latch_held == 0.0 else 0.0,
-            latch_cinched=load.latch_cinched,
-            handle_pulled=load.handle_pulled,
-            button_pressed=load.button_pressed,
-            obstacle=load.obstacle,
-        ),
+        loaded(load, load.supply_voltage, load.supply_rise, released),
         inputs.frictions,
     )
 

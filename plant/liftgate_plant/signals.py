@@ -58,6 +58,7 @@ class Signal(NamedTuple):
         return Quantity(symbol, self.unit, self.low, self.high, self.meaning)
 
 
+SIDES = ("left", "right")  # of the drives
 LATCH_STATES = ("open", "latched")
 LATCH_POSITIONS = ("open", "half", "full")
 SWITCH = ("off", "on")

@@ -32,7 +32,6 @@ from liftgate_compiler import (
     obtaining,
     packing,
     storage,
-    watching,
 )
 from liftgate_compiler.kinds import Array, Kind, Nothing, NumberKind, Tuple, from_plain, kind_of, plain, text_of
 from liftgate_compiler.packing import packer, unpacker
@@ -394,13 +393,13 @@ def test_a_compilation_can_be_given_up(apart: None, impatient: None, cache: Path
 
 
 def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
-    first, second, before = NotingWatcher(), NotingWatcher(), watching.watcher()
+    first, second, before = NotingWatcher(), NotingWatcher(), obtaining.watcher()
     compiler.watch(first)
     compiler.watch(second)
     compiler.unwatch(first)
-    assert watching.watcher() is second
+    assert obtaining.watcher() is second
     compiler.unwatch(second)
-    assert watching.watcher() is before
+    assert obtaining.watcher() is before
 
 
 def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path):

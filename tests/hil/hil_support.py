@@ -28,9 +28,15 @@ from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
 from liftgate_hil.plan.loop_start import loop_config_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
-from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, stimulus_plan_of
+from liftgate_hil.stimuli.stimulus_plan import (
+    NO_STIMULI,
+    Outside,
+    StimulusPlan,
+    TimedStimuli,
+    outside_at,
+    stimulus_plan_of,
+)
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal

@@ -31,7 +31,7 @@ from liftgate_hil.signals import (
     Timing,
     columns_of,
 )
-from liftgate_hil.stimuli.held_values import HELD
+from liftgate_hil.stimuli.command_queue import HELD
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS
 from liftgate_plant.signals import SUFFIXES, Drives, Sensed, Surroundings, Truth, bus_name, signals_of

@@ -14,8 +14,9 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.codec.receive import Counts
 from liftgate_hil.doctor import check, examination, timing
 from liftgate_hil.loop.histogram import NOTHING
-from liftgate_hil.testing import mutants_section, mutation, suite
+from liftgate_hil.testing import mutation, suite
 from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.sections import mutants_section
 from liftgate_hil.transport.base import LinkCounts
 from tools.docs.json_bench_keys import CAMPAIGN, DOCTOR, RIG
 from tools.docs.json_fit_keys import IDENTIFY, PLAN, VALIDATE

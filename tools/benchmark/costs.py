@@ -43,8 +43,15 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import ROW_WIDTH, Bench
-from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
+from liftgate_hil.stimuli.stimulus_plan import (
+    Outside,
+    StimulusPlan,
+    not_made,
+    outside_at,
+    received,
+    stimulus_plan_of,
+    turns,
+)
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput

@@ -32,9 +32,8 @@ from liftgate_hil.loop.tick import LoopConfig, constants_in
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
 from liftgate_hil.plan.request import ticks_of
 from liftgate_hil.plan.setup import rig_from, scenario_from, vehicle_from
-from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
-from liftgate_hil.stimuli.timeline import obstacle_at
+from liftgate_hil.stimuli.timeline import NOT_ARMED, armed, obstacle_at
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
+from liftgate_hil.dashboard import page_state
 from liftgate_hil.dashboard.server import ENDPOINTS
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.operate import operator
-from tools.docs.json_page_keys import PAGES
-from tools.docs.json_state_keys import STATE_KEYS
 from tools.docs.markdown import code, page, table
 
 _INTRO = """\
@@ -42,8 +40,18 @@ A client that is slower than the stream gets one state in place of
 several: the latest, with all lines of the log, and the lowest and highest values (`span`) of all of them."""
 
 
-def _keys(keys: Mapping[str, str]) -> str:
-    return table(["key", "meaning"], ((code(name), meaning) for name, meaning in keys.items()))
+_PAGES = {
+    "About a run (`GET /api/about`)": page_state.AboutRun,
+    "About a recording (`GET /api/about`)": page_state.AboutRecording,
+    "Geometry (`GET /api/geometry`)": page_state.GateGeometry,
+    "Curves (`GET /api/plot`)": page_state.Curves,
+    "Trace (`GET /api/trace`)": page_state.BusTrace,
+    "Scenarios (`GET /api/run`)": page_state.Startable,
+}
+
+
+def _keys(content: type) -> str:
+    return table(["key", "meaning"], ((code(name), meaning) for name, meaning in keys_of(content).items()))
 
 
 def http_api_page() -> str:
@@ -56,8 +64,8 @@ def http_api_page() -> str:
         "\n".join(["```", *forms, "```"]),
         "## State (`GET /api/state`)",
         _STATE,
-        _keys(STATE_KEYS),
-        *(part for title, keys in PAGES.items() for part in (f"## {title}", _keys(keys))),
+        _keys(page_state.PageState),
+        *(part for title, each in _PAGES.items() for part in (f"## {title}", _keys(each))),
         "## Status codes and connections",
         table(["status", "meaning"], _CODES),
         _CONNECTIONS,

@@ -12,7 +12,7 @@ from liftgate_hil.config.protection_tables import ChecksumTable, CounterTable
 from liftgate_hil.config.rig import RigTable
 from liftgate_hil.config.signal_mapping import MappingTable
 from liftgate_hil.diagnostics.trouble_code import number_of
-from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, EcuDtc
+from liftgate_hil.ecu.events import TROUBLE_CODES, EcuDtc
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant.signals import Signal
 from tools.docs.markdown import code, number, page, table

@@ -17,8 +17,7 @@ from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
-from liftgate_hil.judging.shown_verdict import line_of
-from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, line_of
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.plan.plan import plan_of
 

@@ -151,7 +151,7 @@ def print_summary(result: Result) -> None:
 
 def _verdicts(result: Result) -> list[str]:
     """Return the verdicts on the scenario's expectations, as lines; empty: there are none."""
-    from liftgate_hil.judging.shown_verdict import line_of
+    from liftgate_hil.judging.verdict import line_of
 
     found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
     return ["expectations:", *found] if found else []

@@ -11,27 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, outlined
-from liftgate_hil.conditions.condition import (
-    ABS,
-    ADD,
-    AND,
-    COLUMN,
-    CONST,
-    DEEPEST,
-    DIV,
-    EQ,
-    GE,
-    GT,
-    LE,
-    LT,
-    MUL,
-    NE,
-    NEG,
-    NOT,
-    SIGNAL,
-    SUB,
-    Condition,
-)
+from liftgate_hil.conditions import condition as codes
+from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.signals import COLUMN_PLACE
 
 # Used in tables only: compares a column with a number in one pass over the rows; the comparison's code is added.
@@ -71,9 +52,9 @@ def _table_of(conditions: tuple[Condition, ...], signals: tuple[str, ...]) -> Co
     for condition in conditions:
         for code, what in condition.ops:
             place, value = 0, 0.0
-            if code == COLUMN:
+            if code == codes.COLUMN:
                 place = COLUMN_PLACE[str(what)]
-            elif code == SIGNAL:
+            elif code == codes.SIGNAL:
                 place = signals.index(str(what))
             else:
                 value = float(what)
@@ -88,27 +69,27 @@ def _join_last(rows: list[tuple[int, int, float]]) -> None:
     if len(rows) < 3:
         return
     column, number, comparison = rows[-3:]
-    if column[0] == COLUMN and number[0] == CONST and LT <= comparison[0] <= NE:
+    if column[0] == codes.COLUMN and number[0] == codes.CONST and codes.LT <= comparison[0] <= codes.NE:
         rows[-3:] = [(_COMPARED_COLUMN + comparison[0], column[1], number[2])]
 
 
 def work_for(ticks: int) -> Work:
     """Return working memory for evaluating `ticks` ticks at once."""
     return Work(
-        np.zeros((DEEPEST, ticks)),
-        np.zeros((DEEPEST, ticks), dtype=np.int8),
-        np.zeros((DEEPEST, ticks), dtype=np.int64),
+        np.zeros((codes.DEEPEST, ticks)),
+        np.zeros((codes.DEEPEST, ticks), dtype=np.int8),
+        np.zeros((codes.DEEPEST, ticks), dtype=np.int64),
     )
 
 
 @compilable
 def calculated(code: int, a: float, b: float) -> float:
     """Return the result of an arithmetic operation; NaN for a division by 0."""
-    if code == ADD:
+    if code == codes.ADD:
         return a + b
-    if code == SUB:
+    if code == codes.SUB:
         return a - b
-    if code == MUL:
+    if code == codes.MUL:
         return a * b
     return a / b if b != 0.0 else np.nan
 
@@ -118,15 +99,15 @@ def compared(code: int, a: float, b: float) -> tuple[bool, float]:
     """Return a comparison's truth value and margin; a NaN margin if one side has no finite value."""
     if not (math.isfinite(a) and math.isfinite(b)):
         return False, np.nan
-    if code == LT:
+    if code == codes.LT:
         return a < b, b - a
-    if code == LE:
+    if code == codes.LE:
         return a <= b, b - a
-    if code == GT:
+    if code == codes.GT:
         return a > b, a - b
-    if code == GE:
+    if code == codes.GE:
         return a >= b, a - b
-    if code == EQ:
+    if code == codes.EQ:
         return a == b, 0.0 - abs(a - b)
     return a != b, abs(a - b)
 
@@ -142,7 +123,7 @@ def join(code: int, work: Work, low: int, ticks: int) -> None:
         if np.isnan(below) or np.isnan(above):
             numbers[low, i], truths[low, i] = np.nan, 0
             continue
-        if code == AND:
+        if code == codes.AND:
             takes = above < below or (above == below and first and not second)
             truths[low, i] = int(first and second)
         else:
@@ -182,35 +163,35 @@ def evaluate(  # noqa: PLR0912
     for place in range(conditions.begins[which], conditions.begins[which + 1]):
         op = conditions.ops[place]
         code, at = op.code, op.place
-        if code <= SIGNAL:
+        if code <= codes.SIGNAL:
             top += 1
-            if code == CONST:
+            if code == codes.CONST:
                 for i in range(ticks):
                     numbers[top, i] = op.value
-            elif code == COLUMN:
+            elif code == codes.COLUMN:
                 for i in range(ticks):
                     numbers[top, i] = rows[i, at]
             else:
                 for i in range(ticks):
                     numbers[top, i] = signals[i, at]
-        elif code <= DIV:
+        elif code <= codes.DIV:
             top -= 1
             for i in range(ticks):
                 numbers[top, i] = calculated(code, numbers[top, i], numbers[top + 1, i])
-        elif code == NEG:
+        elif code == codes.NEG:
             for i in range(ticks):
                 numbers[top, i] = -numbers[top, i]
-        elif code == ABS:
+        elif code == codes.ABS:
             for i in range(ticks):
                 numbers[top, i] = abs(numbers[top, i])
-        elif code <= NE:
+        elif code <= codes.NE:
             top -= 1
             comparison += 1
             for i in range(ticks):
                 truth, numbers[top, i] = compared(code, numbers[top, i], numbers[top + 1, i])
                 truths[top, i] = int(truth)
                 deciders[top, i] = comparison
-        elif code == NOT:
+        elif code == codes.NOT:
             for i in range(ticks):
                 numbers[top, i] = 0.0 - numbers[top, i]
                 truths[top, i] = int(truths[top, i] == 0 and not np.isnan(numbers[top, i]))

@@ -10,29 +10,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.codec.watch import near_signals, signal_unit
-from liftgate_hil.conditions.condition import (
-    ABS,
-    ADD,
-    AND,
-    COLUMN,
-    CONST,
-    DEEPEST,
-    DIV,
-    EQ,
-    GE,
-    GT,
-    LE,
-    LT,
-    MUL,
-    NE,
-    NEG,
-    NOT,
-    OR,
-    SIGNAL,
-    SUB,
-    Condition,
-    unit_of_column,
-)
+from liftgate_hil.conditions import condition as codes
+from liftgate_hil.conditions.condition import Condition, unit_of_column
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
 if TYPE_CHECKING:
@@ -44,10 +23,10 @@ _LONGEST = 4000  # characters
 _KEPT = 4096  # parsed conditions that are cached
 _BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
 _PARAMETER = re.compile(r"\$(\w+)")
-_COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
+_COMPARISONS = {"<": codes.LT, "<=": codes.LE, ">": codes.GT, ">=": codes.GE, "==": codes.EQ, "!=": codes.NE}
 # Signs of other languages, and ours.
 _OF_OTHERS = {"=>": ">=", "=<": "<=", "=": "==", "&": "and", "|": "or", "!": "not"}
-_SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
+_SUMS, _PRODUCTS = {"+": codes.ADD, "-": codes.SUB}, {"*": codes.MUL, "/": codes.DIV}
 _TOKEN = re.compile(
     r"""\s*(?:
       (?P<number>(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?)
@@ -189,18 +168,18 @@ class _Parser:
 
     def _put(self, code: int, what: str | float = 0.0) -> None:
         self.ops.append((code, what))
-        if code <= SIGNAL:
+        if code <= codes.SIGNAL:
             self.stack += 1
-        elif code not in (NEG, ABS, NOT):
+        elif code not in (codes.NEG, codes.ABS, codes.NOT):
             self.stack -= 1
-        if self.stack > DEEPEST:
-            raise ValueError(f"values nested deeper than {DEEPEST}; allowed: a simpler condition")
+        if self.stack > codes.DEEPEST:
+            raise ValueError(f"values nested deeper than {codes.DEEPEST}; allowed: a simpler condition")
 
     def _either(self) -> _Part:
-        return self._joined(self._both, "or", OR)
+        return self._joined(self._both, "or", codes.OR)
 
     def _both(self) -> _Part:
-        return self._joined(self._negated, "and", AND)
+        return self._joined(self._negated, "and", codes.AND)
 
     def _joined(self, part: Callable[[], _Part], word: str, code: int) -> _Part:
         place = self._here()[2]
@@ -227,7 +206,7 @@ class _Parser:
         if count:
             self._must(part, place, "not")
         for _ in range(count % 2):
-            self._put(NOT)
+            self._put(codes.NOT)
         return part
 
     def _comparison(self) -> _Part:
@@ -292,7 +271,7 @@ class _Parser:
         part = self._primary()
         if negative:
             self._number(part, place)
-            self._put(NEG)
+            self._put(codes.NEG)
         return part
 
     def _primary(self) -> _Part:
@@ -307,7 +286,7 @@ class _Parser:
             place = self._here()[2]
             part = self._parenthesised()
             self._number(part, place)
-            self._put(ABS)
+            self._put(codes.ABS)
             return part
         if token == "(":
             return self._parenthesised()
@@ -316,8 +295,8 @@ class _Parser:
 
     def _parenthesised(self) -> _Part:
         self.depth += 1
-        if self.depth > DEEPEST:
-            raise ValueError(f"parentheses deeper than {DEEPEST}; allowed: up to {DEEPEST}")
+        if self.depth > codes.DEEPEST:
+            raise ValueError(f"parentheses deeper than {codes.DEEPEST}; allowed: up to {codes.DEEPEST}")
         self._is("(")
         part = self._either()
         if not self._is(")"):
@@ -332,26 +311,26 @@ class _Parser:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(f"{token}; allowed: a finite number")
-        self._put(CONST, value)
+        self._put(codes.CONST, value)
         return _Part(False)
 
     def _parameter_named(self, token: str) -> _Part:
         if token[1:] not in self.parameters:
             known = ", ".join(f"${name}" for name in self.parameters)
             raise ValueError(f"{token}: no such parameter; allowed: {known or 'none, there are no [parameters]'}")
-        self._put(CONST, float(self.parameters[token[1:]]))
+        self._put(codes.CONST, float(self.parameters[token[1:]]))
         return _Part(False)
 
     def _name_named(self, token: str) -> _Part:
         column = token.replace("sensed.", SENSED_PREFIX, 1) if token.startswith("sensed.") else token
         unit = unit_of_column(column)
         if unit is not None and ("." in token or not token.startswith(SENSED_PREFIX)):
-            self._put(COLUMN, column)
+            self._put(codes.COLUMN, column)
             return _Part(False, unit)
         if "." in token and not token.startswith("sensed."):
             unit = self.signal_unit(token)
             if unit is not None:
-                self._put(SIGNAL, token)
+                self._put(codes.SIGNAL, token)
                 return _Part(False, unit)
             raise _NoSuchSignalError(token)
         raise _NoSuchColumnError(token)

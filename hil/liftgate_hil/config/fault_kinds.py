@@ -12,8 +12,8 @@ from liftgate_hil.config.kinds import Choice, Kind, Level, Number, Text, Whole
 from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli import bus_fault_tables
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
+from liftgate_plant.signals import SIDES
 
-SIDES = ("left", "right")
 WHERE = (*SIDES, "both")
 
 # What a kind of fault affects.

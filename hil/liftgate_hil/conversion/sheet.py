@@ -12,9 +12,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.suffixes import PICTURES
 from liftgate_hil.report.drawing import pdf, png, style, svg
-from liftgate_hil.report.files import check_targets, put_report
+from liftgate_hil.report.files import SOFTWARE, check_targets, put_report
 from liftgate_hil.report.numbers import clean
-from liftgate_hil.report.ours import SOFTWARE
 from liftgate_hil.report.page import figure as figure_html
 from liftgate_hil.report.page import page
 

@@ -7,13 +7,42 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 from liftgate_hil.dashboard.deference import Deference
-from liftgate_hil.dashboard.following import Following
 from liftgate_hil.dashboard.live import Live
+from liftgate_hil.dashboard.page_state import JsonObject, PageState
 from liftgate_hil.dashboard.recorded import RecordingSource
-from liftgate_hil.dashboard.source import JsonObject, NoSource
+from liftgate_hil.dashboard.source import NoSource
 from liftgate_hil.dashboard.starting import Starter
 from liftgate_hil.dashboard.streaming import PERIOD_S, Viewers
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.operate.attachment import endpoint
 from liftgate_hil.operate.attachment.client import Client
+
+
+class Following:
+    """Search for the run that follows the one of a process on the bus `channel`.
+
+    Each run on another bus is asked once, however often one looks: its bench has better to do.
+    """
+
+    def __init__(self, channel: str, ended: int) -> None:
+        self._channel, self._ended = channel, ended
+        self._elsewhere: set[tuple[int, int]] = set()  # processes on other buses, and when their sockets were made
+
+    def look(self) -> Client | None:
+        """Return a client of the run; None: there is none yet."""
+        for pid, made_ns in endpoint.sockets().items():
+            if pid == self._ended or (pid, made_ns) in self._elsewhere:
+                continue
+            try:
+                client = Client(pid)
+            except ConfigError:  # it has just ended, is not ready, or is of another version
+                continue
+            if client.description["channel"] == self._channel:
+                return client
+            client.close()
+            self._elsewhere.add((pid, made_ns))
+        return None
+
 
 _IDLE_S = 0.25  # s between two reads where nobody has the page open
 _NOW_AND_THEN = 6  # periods between two lists of the messages on the bus
@@ -54,7 +83,7 @@ class ActiveSource:
                     looked = time.monotonic()
                     await self._go_on(source)
                 if self.viewers:
-                    state = {**source.moment(), "span": span, "log": source.lines(line)}
+                    state: PageState = {**source.moment(), "span": span, "log": source.lines(line)}
                     if count % _NOW_AND_THEN == 0:
                         state |= source.now_and_then()
                     self.viewers.publish(self.numbered(state))
@@ -94,7 +123,7 @@ class ActiveSource:
         self.viewers.publish(self.numbered({**source.moment(), "span": span}))
         await self.viewers.have_taken()
 
-    def numbered(self, state: JsonObject) -> JsonObject:
+    def numbered(self, state: PageState) -> PageState:
         """Return a state with the number by which a viewer sees that another run is shown."""
         state["number"] = self.number
         if self._starter is not None:

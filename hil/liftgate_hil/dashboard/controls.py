@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
+from liftgate_hil.dashboard.page_state import Control, Controls, FaultKey, JsonObject
 from liftgate_plant.signals import SUFFIXES
-
-JsonObject = dict[str, Any]
 
 # Where a slider ends; a number beside it takes the whole range.
 _USUAL: Mapping[str, tuple[float, float]] = {
@@ -73,7 +72,7 @@ _TYPICAL: Mapping[tuple[str, str], float | str] = {
 }
 
 
-def controls_of(commands: Mapping[str, Any]) -> JsonObject:
+def controls_of(commands: JsonObject) -> Controls:
     """Return a run's commands with what a page needs to show them.
 
     Quantities have `label`, `slide_low`, `slide_high` and `actions`, faults `label`, and their keys `typical`.
@@ -89,21 +88,21 @@ def controls_of(commands: Mapping[str, Any]) -> JsonObject:
         }
         for kind, spec in commands["fault"].items()
     }
-    return found
+    return cast(Controls, found)
 
 
-def _control(name: str, spec: Mapping[str, Any]) -> JsonObject:
+def _control(name: str, spec: JsonObject) -> Control:
     low, high = _USUAL.get(name, (spec["low"], spec["high"]))
     own = (
         _SWITCHES[name]._asdict() if name in _SWITCHES else {"label": in_words(name, spec["unit"]), "actions": ()}
     )
-    return {**spec, "slide_low": low, "slide_high": high, **own}
+    return cast(Control, {**spec, "slide_low": low, "slide_high": high, **own})
 
 
-def _key(kind: str, name: str, key: Mapping[str, Any]) -> JsonObject:
+def _key(kind: str, name: str, key: JsonObject) -> FaultKey:
     typical = key["default"] if key["default"] is not None else _TYPICAL.get((kind, name))
     label = _KEY_LABELS.get((kind, name)) or _KEY_LABELS.get(("", name)) or in_words(name, key["unit"])
-    return {**key, "label": label, "typical": typical, "is_hex": (kind, name) in _HEX}
+    return cast(FaultKey, {**key, "label": label, "typical": typical, "is_hex": (kind, name) in _HEX})
 
 
 def in_words(name: str, unit: str = "") -> str:

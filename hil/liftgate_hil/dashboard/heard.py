@@ -1,22 +1,25 @@
-"""Messages on a run's bus, each as it was heard last, and the ECU's command in them."""
+"""Frames on a run's bus: messages as heard last, the ECU's command in them, and a trace of the latest in order."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD_FLAGS
+from liftgate_hil.codec.frames import EXTENDED, FD_FLAGS, no_logged
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.dashboard.page_state import CommandValue, HeardMessage, SignalValues, TracedFrame
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
+    from numpy.typing import NDArray
 
     from liftgate_hil.codec.bus_config import SignalMapping
+
 
 _EXACT = 2**53  # whole numbers up to this are exact as floating-point numbers
 _MOST = 500  # messages that are kept
@@ -67,9 +70,9 @@ class BusView:
             frame["payload"][:length].tobytes(),
         )
 
-    def command(self) -> JsonObject:
+    def command(self) -> dict[str, CommandValue]:
         """Return the ECU's last command: the value (or its label), unit and signal of each quantity."""
-        found, decoded = {}, dict[int, JsonObject]()
+        found, decoded = dict[str, CommandValue](), dict[int, SignalValues]()
         for identifier, each in self._inputs:
             heard = self._heard.get((identifier, False))
             if heard is None:
@@ -82,7 +85,7 @@ class BusView:
                 found[each.quantity] = {"value": value, "unit": unit, "signal": name}
         return found
 
-    def messages(self) -> list[JsonObject]:
+    def messages(self) -> list[HeardMessage]:
         """Return the last frame of each message on the bus, by identifier."""
         return [
             {
@@ -93,7 +96,7 @@ class BusView:
             for (identifier, _), each in sorted(self._heard.items())
         ]
 
-    def described(self, frames: Any) -> list[JsonObject]:
+    def described(self, frames: Any) -> list[TracedFrame]:
         """Return frames, records of LOGGED, in their order, decoded."""
         return [
             self._described(
@@ -110,7 +113,7 @@ class BusView:
         named = ((f"{each.name}.{one.name}", one.unit) for each in self._messages.values() for one in each.signals)
         return {name: unit for name, unit in named if unit}
 
-    def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> JsonObject:
+    def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> TracedFrame:
         return {
             "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
             "name": self._messages[identifier].name if identifier in self._messages else "",
@@ -121,7 +124,7 @@ class BusView:
         }
 
 
-def _decoded(message: Message | None, payload: bytes) -> JsonObject:
+def _decoded(message: Message | None, payload: bytes) -> SignalValues:
     """Return a frame's signals, by their labels where they have some; none where it does not fit."""
     if message is None:
         return {}
@@ -139,3 +142,37 @@ def _plain(value: Any) -> float | str:
     if isinstance(value, int) and abs(value) > _EXACT:
         return float(value)
     return value if isinstance(value, int | float) else str(value)
+
+
+_KEPT = 5000  # frames, of the default rig those of 8 s
+MOST_FRAMES = 1000  # of one reply: the page asks twice a second, and says which of more it has missed
+
+
+class FrameTrace:
+    """The latest frames on a bus, each with its number, from 1.
+
+    Frames are kept in the blocks in which they were read, so that they cost nothing while nobody asks.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: deque[tuple[int, NDArray[np.void]]] = deque()  # number of the first frame, frames
+        self._count = 0
+
+    def keep(self, frames: NDArray[np.void]) -> None:
+        """Add frames, rows of LOGGED; the oldest are dropped."""
+        if not len(frames):
+            return
+        self._blocks.append((self._count + 1, frames))
+        self._count += len(frames)
+        while self._blocks[0][0] + len(self._blocks[0][1]) <= self._count - _KEPT + 1:
+            self._blocks.popleft()
+
+    def after(self, number: int) -> tuple[int, Any]:
+        """Return the frames after one of that number, and the number of the first of them.
+
+        Of more than MOST_FRAMES the latest are returned.
+        """
+        first = max(number + 1, self._count - MOST_FRAMES + 1, 1)
+        parts = [frames[max(0, first - begin) :] for begin, frames in list(self._blocks)]
+        found = np.concatenate([no_logged(), *parts])
+        return self._count - len(found) + 1, found

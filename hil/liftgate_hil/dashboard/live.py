@@ -6,23 +6,25 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from liftgate_hil.dashboard.controls import controls_of
-from liftgate_hil.dashboard.heard import BusView
-from liftgate_hil.dashboard.source import (
-    MOST_LINES,
+from liftgate_hil.dashboard.heard import BusView, FrameTrace
+from liftgate_hil.dashboard.page_state import (
+    AboutRun,
+    BusState,
+    BusTrace,
+    Curves,
+    EndState,
+    GateGeometry,
     JsonObject,
-    check_columns,
-    in_stretches,
-    meanings_of,
-    split,
-    times_of,
-    units_of,
+    LoopHistograms,
+    LoopState,
+    PageState,
 )
-from liftgate_hil.dashboard.trace import FrameTrace
+from liftgate_hil.dashboard.source import MOST_LINES, curves_of, meanings_of, split, times_of, units_of
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
@@ -34,7 +36,8 @@ from liftgate_hil.signals import COLUMN_PLACE, Bench
 _HISTORY_S = 60.0  # s of history that a page opened later is shown
 _ASK_S = 0.1  # s between two queries of the run's progress
 _LOAD_S = 1.0  # s over which the bus load is taken
-_UNKNOWN_END: JsonObject = {
+_TIMES = {"lateness_us": LATENESS, "execution_us": EXECUTION, "command_delay_us": DELAY}
+_UNKNOWN_END: EndState = {
     "verdict": "error",
     "ending": "error",
     "reason": "the run's process ended without reporting a result",
@@ -65,7 +68,7 @@ class Live:
         # As long as the run has not replied.
         nothing: JsonObject = {"in_force": {}, "acting": {}, "verdicts": [], "alarms": []}
         self._news: JsonObject = {"phase": COMPILING, "status": None, **nothing}
-        self.end: JsonObject | None = None  # how the run has ended; None: it has not
+        self.end: EndState | None = None  # how the run has ended; None: it has not
         self._lines: deque[list[Any]] = deque(maxlen=MOST_LINES)
         self._asked = -1.0
         self._bits: deque[tuple[float, int]] = deque()
@@ -81,12 +84,11 @@ class Live:
         """Name of the run's bus."""
         return str(self._description["channel"])
 
-    def about(self) -> JsonObject:
+    def about(self) -> AboutRun:
         """Return the run's description, its process, its columns, their units, and its controls."""
         left_out = ("rows", "frames", "commands", "geometry")
         description = {name: each for name, each in self._description.items() if name not in left_out}
-        return {
-            **description,
+        own = {
             "kind": "run",
             "pid": self.pid,
             "columns": self._names,
@@ -95,10 +97,11 @@ class Live:
             "commands": controls_of(self._description["commands"]),
             "signal_units": self._bus.units(),
         }
+        return cast(AboutRun, {**description, **own})
 
-    def geometry(self) -> JsonObject:
+    def geometry(self) -> GateGeometry:
         """Return the geometry of the run's vehicle."""
-        return dict(self._description["geometry"])
+        return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
         """Read all that is new at a time [s]; return `low` and `high` of each column in it.
@@ -141,7 +144,7 @@ class Live:
             self._take(news or {**self._news, "phase": LATE})
         except RunGoneError:
             self.has_ended = True
-            self.end = self._client.end or _UNKNOWN_END
+            self.end = cast(EndState | None, self._client.end) or _UNKNOWN_END
             self._news = {**self._news, "phase": ENDED}
         finally:
             self._lock.release()
@@ -158,7 +161,7 @@ class Live:
                 self._take(self._client.news(self.last_line) or self._news)
             return done
 
-    def state(self, time: float | None = None) -> JsonObject:
+    def state(self, time: float | None = None) -> PageState:
         """Return the latest state, with the log, the messages on the bus and the histograms."""
         return {**self.moment(), **self.now_and_then(), "log": list(self._lines)}
 
@@ -171,14 +174,33 @@ class Live:
         """Return the lines of the log after that number."""
         return [each for each in list(self._lines) if each[0] > after]
 
-    def moment(self) -> JsonObject:
+    def moment(self) -> PageState:
         """Return what changes with each tick."""
         row, control = self._row.tolist(), self._control
         truth, sensed = split(self._names, row)
         status = self._news.get("status") or {}
         bench = {name: float(self._row[self._names.index(name)]) for name in Bench._fields if name in self._names}
-        histograms = self._shared.histograms
-        late, took, delay = (times_of(distribution(histograms[each])) for each in (LATENESS, EXECUTION, DELAY))
+        loop = {
+            "clock": self._description["clock"],
+            "rate_hz": self._description["rate_hz"],
+            "tick": int(control["tick"][0]),
+            **bench,
+            **{name: times_of(distribution(self._shared.histograms[place])) for name, place in _TIMES.items()},
+        }
+        bus = {
+            "channel": self.channel,
+            "bitrate": self._description["bitrate"],
+            "load_percent": self._load(),
+            "sent": int(control["sent"][0]),
+            "received": int(control["received"][0]),
+            # The line's own are known from the status only.
+            "unsent": max(int(control["unsent"][0]), status.get("unsent") or 0),
+            "dropped": int(control["dropped"][0]),
+            "bus_offs": int(control["bus_offs"][0]),
+            "not_shown": self._bus.not_kept,
+            "overwritten": self._lost - (self._lost_before or 0),
+            **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
+        }
         return {
             "phase": self._news["phase"],
             "end": self.end,
@@ -186,29 +208,8 @@ class Live:
             "truth": truth,
             "sensed": sensed,
             "command": self._bus.command(),
-            "loop": {
-                "clock": self._description["clock"],
-                "rate_hz": self._description["rate_hz"],
-                "tick": int(control["tick"][0]),
-                **bench,
-                "lateness_us": late,
-                "execution_us": took,
-                "command_delay_us": delay,
-            },
-            "bus": {
-                "channel": self.channel,
-                "bitrate": self._description["bitrate"],
-                "load_percent": self._load(),
-                "sent": int(control["sent"][0]),
-                "received": int(control["received"][0]),
-                # The line's own are known from the status only.
-                "unsent": max(int(control["unsent"][0]), status.get("unsent") or 0),
-                "dropped": int(control["dropped"][0]),
-                "bus_offs": int(control["bus_offs"][0]),
-                "not_shown": self._bus.not_kept,
-                "overwritten": self._lost - (self._lost_before or 0),
-                **{name: status.get(name) for name in ("command_age_s", "accepted", "rejected", "foreign")},
-            },
+            "loop": cast(LoopState, loop),
+            "bus": cast(BusState, bus),
             "in_force": self._news["in_force"],
             "acting": self._news["acting"],
             "verdicts": self._news["verdicts"],
@@ -220,14 +221,10 @@ class Live:
         """Number of rows and frames that were overwritten before they were read."""
         return self._rows.lost + self._frames.lost
 
-    def now_and_then(self) -> JsonObject:
+    def now_and_then(self) -> PageState:
         """Return what is sent less often: the messages on the bus, and the histograms [µs from, µs to, count]."""
-        histograms = self._shared.histograms
-        names = {"lateness_us": LATENESS, "execution_us": EXECUTION, "command_delay_us": DELAY}
-        return {
-            "messages": self._bus.messages(),
-            "histograms": {name: bars(histograms[place]) for name, place in names.items()},
-        }
+        found = {name: bars(self._shared.histograms[place]) for name, place in _TIMES.items()}
+        return {"messages": self._bus.messages(), "histograms": cast(LoopHistograms, found)}
 
     def _load(self) -> float | None:
         """Return the bus load over the last second [%]; None: it is not known."""
@@ -237,22 +234,15 @@ class Live:
         (begin, before), (end, now) = self._bits[0], self._bits[-1]
         return float(100.0 * (now - before) / (bitrate * (end - begin)))
 
-    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
-        """Return curves over the history that is kept, see `Source.plot`."""
-        check_columns(columns, self._names)
-        places = [self._names.index(name) for name in columns]
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
+        """Return curves over the history that is kept between two times [s], see `curves_of`."""
         history = [each for each in list(self._history) if begin <= each[0] <= end]
-        times = np.array([time for time, _, _ in history])
-        low = np.array([each[places] for _, each, _ in history]).reshape(len(history), len(places))
-        high = np.array([each[places] for _, _, each in history]).reshape(len(history), len(places))
-        ends, low, high = in_stretches(times, low, high, points)
-        return {
-            "time_s": ends.tolist(),
-            "low": dict(zip(columns, low.T.tolist(), strict=True)),
-            "high": dict(zip(columns, high.T.tolist(), strict=True)),
-        }
+        shape = len(history), len(self._names)
+        low = np.array([each for _, each, _ in history]).reshape(shape)
+        high = np.array([each for _, _, each in history]).reshape(shape)
+        return curves_of(columns, self._names, np.array([time for time, _, _ in history]), low, high, points)
 
-    def trace(self, after: int) -> JsonObject:
+    def trace(self, after: int) -> BusTrace:
         """Return the frames on the bus after the one of a number, with the number of the first of them."""
         first, frames = self._trace.after(after)
         return {"first": first, "frames": self._bus.described(frames)}

@@ -8,21 +8,24 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from liftgate_hil.config.fault_kinds import SIDES
 from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.table import open_whole
-from liftgate_hil.dashboard.source import (
-    JsonObject,
-    check_columns,
-    in_stretches,
-    meanings_of,
-    nothing_known,
-    split,
+from liftgate_hil.dashboard.page_state import (
+    AboutRecording,
+    ActingObstacle,
+    ActingState,
+    Curves,
+    GateGeometry,
+    LoopState,
+    PageState,
+    PinchContact,
+    ShownMark,
 )
+from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.operate.attachment.description import expectations_of, limits_of
@@ -31,6 +34,7 @@ from liftgate_hil.plan.fault_columns import INJECTED
 from liftgate_hil.plan.recorded_setup import RecordedSetup
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.signals import Bench
+from liftgate_plant.signals import SIDES
 
 _MOST_VALUES = 30_000_000  # that are kept, 240 MB
 _TOUCH_N = 1.0  # N of pinch force above which there is a contact
@@ -51,7 +55,7 @@ class RecordingSource:
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
-        self._marks = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_MARKS]]
+        self._marks: list[ShownMark] = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_MARKS]]
         if len(table.marks) > _MOST_MARKS:
             more = f"and {len(table.marks) - _MOST_MARKS} more marks"
             self._marks.append({"time_s": table.marks[_MOST_MARKS][0], "text": more})
@@ -64,7 +68,7 @@ class RecordingSource:
             raise ConfigError(f"{path}: time_s: falls or is not finite; allowed: finite times in order")
         self._springs = _spring_faults_in(table.provenance)
         self._expected = _expected_in(path, table.provenance)
-        self._geometry = _geometry_in(table.about) if vehicle is None else geometry_of(vehicle_from(vehicle))
+        self._geometry = _geometry_in(table.about) if vehicle is None else _geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the last row of each `every` rows, and the lowest and highest values in these."""
@@ -82,7 +86,7 @@ class RecordingSource:
         last, low, high = (np.concatenate([rest[:0], *each]) for each in kept)
         return last, low, high
 
-    def about(self) -> JsonObject:
+    def about(self) -> AboutRecording:
         """Return the file, its columns with units, the decimation, first and last time, contacts and marks."""
         return {
             "kind": "recording",
@@ -99,11 +103,11 @@ class RecordingSource:
             **self._expected,
         }
 
-    def geometry(self) -> JsonObject:
+    def geometry(self) -> GateGeometry:
         """Return the geometry of the vehicle, from the file's provenance or as given; empty: it is not known."""
         return self._geometry
 
-    def _contacts(self) -> list[JsonObject] | None:
+    def _contacts(self) -> list[PinchContact] | None:
         """Return the contacts with an obstacle: begin and end [s], largest pinch force [N] and its time [s].
 
         None: the recording holds no pinch force.
@@ -126,7 +130,7 @@ class RecordingSource:
             for rows in parts[:_MOST_CONTACTS]
         ]
 
-    def state(self, time: float | None = None) -> JsonObject:
+    def state(self, time: float | None = None) -> PageState:
         """Return the state at a time [s]; None: at the end."""
         times = self._last[:, 0]
         place = len(times) - 1
@@ -135,18 +139,22 @@ class RecordingSource:
         row = self._last[place].tolist()
         truth, sensed = split(self._names, row)
         own = dict(zip(self._names, row, strict=True))
-        bench = {name: own[name] for name in Bench._fields if name in own}
-        known = {"time_s": row[0], "truth": truth, "sensed": sensed, "loop": bench, "acting": self._acting(own)}
-        return {**nothing_known("recorded"), **known}
+        found = nothing_known("recorded")
+        found["time_s"], found["truth"], found["sensed"] = row[0], truth, sensed
+        found["loop"] = cast(LoopState, {name: own[name] for name in Bench._fields if name in own})
+        found["acting"] = self._acting(own)
+        return found
 
-    def _acting(self, row: Mapping[str, float]) -> JsonObject:
+    def _acting(self, row: Mapping[str, float]) -> ActingState:
         """Return what a recording says: the obstacle while the gate presses against it, at its edge, and springs.
 
         Faults of the scenario change the springs; with others in force their state is not known (None).
         """
         angle = row.get("pinch_contact_deg", math.nan)
         is_there = math.isfinite(angle) and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
-        rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
+        rod: ActingObstacle | None = None
+        if is_there:
+            rod = {"angle_deg": angle, "distance": self._geometry["length_m"]}
         if row.get(INJECTED, 0.0) > 0.0:
             return {"obstacle": rod, "spring_health": dict.fromkeys(SIDES)}
         springs: dict[str, float] = {}
@@ -155,44 +163,40 @@ class RecordingSource:
                 springs |= {side: factor * springs.get(side, 1.0) for side in sides}
         return {"obstacle": rod, "spring_health": springs}
 
-    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> JsonObject:
-        """Return curves between two times [s], see `Source.plot`; one row more on either side is taken in."""
-        check_columns(columns, self._names)
+    def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
+        """Return curves between two times [s], see `curves_of`; one row more on either side is taken in."""
         times = self._last[:, 0]
         first, last = int(np.searchsorted(times, begin)), int(np.searchsorted(times, end, side="right"))
         rows = slice(max(0, first - 1), last + 1)
-        places = [self._names.index(name) for name in columns]
-        ends, low, high = in_stretches(
-            times[rows], self._low[rows][:, places], self._high[rows][:, places], points
-        )
-        return {
-            "time_s": ends.tolist(),
-            "low": dict(zip(columns, low.T.tolist(), strict=True)),
-            "high": dict(zip(columns, high.T.tolist(), strict=True)),
-        }
+        return curves_of(columns, self._names, times[rows], self._low[rows], self._high[rows], points)
 
 
-def _geometry_in(about: str) -> JsonObject:
+def _geometry_in(about: str) -> GateGeometry:
     """Return the geometry of the vehicle in a recording's provenance; empty where it has none."""
     if not about:
         return {}
     try:
         vehicle: Any = json.loads(about, object_hook=lambda table: SimpleNamespace(**table)).vehicle
-        found = geometry_of(vehicle)
+        found = _geometry_of(vehicle)
     except (ValueError, AttributeError, TypeError):  # of a version with other keys
         return {}
     numbers = [found["length_m"], found["open_angle_deg"], *found["hinge"]]
     return found if all(isinstance(each, int | float) and math.isfinite(each) for each in numbers) else {}
 
 
-def _expected_in(path: Path, provenance: Mapping[str, Any]) -> JsonObject:
+def _geometry_of(vehicle: Any) -> GateGeometry:
+    return cast(GateGeometry, geometry_of(vehicle))
+
+
+def _expected_in(path: Path, provenance: Mapping[str, Any]) -> AboutRecording:
     """Return what the scenario of a recording expects, as far as its files are there as they were."""
     setup = RecordedSetup(path, provenance)
     scenario, vehicle, rig = setup.scenario, setup.vehicle, setup.rig
-    found: JsonObject = {"expectations": {} if scenario is None else expectations_of(scenario), "force_limits": []}
+    expected = {} if scenario is None else expectations_of(scenario)
+    limits: Any = []
     if scenario is not None and vehicle is not None and rig is not None:
-        found["force_limits"] = limits_of(scenario, vehicle, rig)
-    return found
+        limits = limits_of(scenario, vehicle, rig)
+    return {"expectations": expected, "force_limits": limits}
 
 
 def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence[str], float]]:

@@ -91,7 +91,8 @@ class Page:
             else Route(each.path, getattr(self, each.handler), methods=[each.method])
             for each in ENDPOINTS
         ]
-        self.app = Starlette(routes=routes, lifespan=self._lifespan)
+        refusals = dict.fromkeys((ConfigError, RunGoneError), _refused_by)
+        self.app = Starlette(routes=routes, lifespan=self._lifespan, exception_handlers=refusals)
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
@@ -154,10 +155,7 @@ class Page:
         points = _number(asked.get("points", "2000"))
         if math.isnan(begin) or math.isnan(end) or not 1 <= points <= MOST_POINTS:
             return _refused(422, [f"from, to, points; allowed: times [s], 1 to {MOST_POINTS} points"])
-        try:
-            return _json(await asyncio.to_thread(source.plot, names, begin, end, int(points)))
-        except ConfigError as error:
-            return _refused(422, error.issues)
+        return _json(await asyncio.to_thread(source.plot, names, begin, end, int(points)))
 
     async def _trace(self, request: Request) -> Response:
         source, after = self._active.source, request.query_params.get("after", "0")
@@ -174,12 +172,7 @@ class Page:
         command = await self._posted(request)
         if isinstance(command, Response):
             return command
-        try:
-            done = await self._in(self._commands, source.command, command)
-        except ConfigError as error:
-            return _refused(422, error.issues)
-        except RunGoneError as error:
-            return _refused(410, [str(error)])
+        done = await self._in(self._commands, source.command, command)
         if not done:
             said_so = "the run is waiting, for example for the ECU: it executes this when it continues"
             return _json({"waits": said_so}, 202)
@@ -201,16 +194,11 @@ class Page:
             return _refused(
                 422, ['a run: allowed: {"scenario": NAME} to start one, {"scenario": null} to stop it']
             )
-        try:
-            if asked["scenario"] is None:
-                await asyncio.to_thread(starter.stop)
-            else:
-                has_ended = isinstance(self._active.source, Live) and self._active.source.has_ended
-                self._active.show(await asyncio.to_thread(starter.start, asked["scenario"], has_ended))
-        except ConfigError as error:
-            return _refused(422, error.issues)
-        except RunGoneError as error:
-            return _refused(410, [str(error)])
+        if asked["scenario"] is None:
+            await asyncio.to_thread(starter.stop)
+        else:
+            has_ended = isinstance(self._active.source, Live) and self._active.source.has_ended
+            self._active.show(await asyncio.to_thread(starter.start, asked["scenario"], has_ended))
         return _json(await self._in(self._lists, starter.state))
 
     async def _posted(self, request: Request) -> Any:
@@ -259,6 +247,10 @@ def _json(content: Any, status: int = 200) -> Response:
 
 def _refused(status: int, issues: list[str]) -> Response:
     return _json({"issues": issues}, status)
+
+
+async def _refused_by(request: Request, error: Exception) -> Response:
+    return _refused(422, error.issues) if isinstance(error, ConfigError) else _refused(410, [str(error)])
 
 
 def _number(text: str) -> float:

@@ -1,26 +1,124 @@
-"""Runs that a page starts and stops: scenarios of one folder, each as a process of `liftgate-hil`."""
+"""Runs that a page starts and stops: scenarios of one folder, each as a process of `liftgate-hil`.
+
+The page lists the folder's scenario files: name, description and requirements of each.
+"""
 
 from __future__ import annotations
 
 import collections
 import contextlib
+import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
+from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.toml import show
-from liftgate_hil.dashboard.scenarios import Scenarios
-from liftgate_hil.dashboard.source import JsonObject
+from liftgate_hil.dashboard.page_state import EndState, JsonObject, ListedScenario, Startable
 from liftgate_hil.errors import ConfigError, RunGoneError
 from liftgate_hil.isolate.children import end
 from liftgate_hil.isolate.supervisor import dies_with_parent
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.operate.attachment.client import Client
+
+_MOST = 1000  # files that are listed
+_MOST_ENTRIES = 20_000  # of folders that are looked at: some 0.1 s; a folder of 100,000 files had taken 13 s
+_MOST_BYTES = 1_000_000  # of a file that is read: shipped scenarios have 3 kB
+_LONGEST = 1000  # characters of a description or an issue
+
+_Stamp = tuple[tuple[int, int], ...]  # of each file: time of the last change [ns], and size
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A scenario file as it was read, with the files that it includes."""
+
+    paths: tuple[Path, ...]
+    stamp: _Stamp
+    about: JsonObject
+
+
+class Scenarios:
+    """Scenario files of a folder and those below it, the nearest first; hidden ones are left out.
+
+    Listing reads folders and files: it is for a thread of its own, not for the server's event loop.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._known: dict[str, _Known] = {}
+
+    def names(self) -> tuple[list[str], bool]:
+        """Return the sorted names of the files, and whether these are all.
+
+        A large folder is not looked at to its end.
+        """
+        found: list[str] = []
+        looked, waiting = 0, deque([""])
+        while waiting:
+            place = waiting.popleft()
+            with contextlib.suppress(OSError), os.scandir(self.folder / place) as entries:
+                for each in entries:
+                    looked += 1
+                    if looked > _MOST_ENTRIES or len(found) == _MOST:
+                        return sorted(found), False
+                    name = f"{place}{each.name}"
+                    if each.name.startswith(".") or not name.isprintable():
+                        continue
+                    if each.is_dir(follow_symlinks=False):
+                        waiting.append(f"{name}/")
+                    elif each.name.endswith(".toml") and each.is_file():
+                        found.append(name)
+        return sorted(found), True
+
+    def listed(self) -> tuple[list[JsonObject], bool]:
+        """Return `name`, `description`, `requirement` and `issue` of each file, and whether these are all."""
+        names, is_all = self.names()
+        self._known = {name: self._read(name) for name in names}
+        return [{"name": name, **each.about} for name, each in self._known.items()], is_all
+
+    def _read(self, name: str) -> _Known:
+        """Return a file as it was read before, if neither it nor what it includes has changed since."""
+        known = self._known.get(name)
+        if known is not None and _stamp_of(known.paths) == known.stamp:
+            return known
+        path = self.folder / name
+        try:
+            if path.stat().st_size > _MOST_BYTES:
+                raise ConfigError(f"{path}: longer than {_MOST_BYTES} bytes; allowed: a scenario")
+            file = read_scenario(path)
+        except (ConfigError, OSError) as error:
+            issue = error.issues[0] if isinstance(error, ConfigError) else f"{path}: {error.strerror}"
+            return _Known((path,), _stamp_of([path]), _about(issue=issue))
+        paths = tuple(part.path for part in file.parts)
+        return _Known(paths, _stamp_of(paths), _about(file))
+
+
+def _about(file: ScenarioFile | None = None, issue: str = "") -> JsonObject:
+    description = "" if file is None else " ".join(str(file.stated("description", "")).split())
+    given = [] if file is None else file.stated("requirement", [])
+    requirement = [str(each) for each in (given if isinstance(given, list) else [given])]
+    return {"description": description[:_LONGEST], "requirement": requirement, "issue": issue[:_LONGEST]}
+
+
+def _stamp_of(paths: Iterable[Path]) -> _Stamp:
+    found = []
+    for path in paths:
+        try:
+            state = path.stat()
+        except OSError:  # it is gone
+            return ()
+        found.append((state.st_mtime_ns, state.st_size))
+    return tuple(found)
+
 
 _BEGIN_S = 600.0  # s until a run can be attached to: it may have to be compiled before
 _LEAVE_S = 5.0  # s for the process of a run that has ended
@@ -55,7 +153,7 @@ class Starter:
         """Name of the scenario that runs; None: none does."""
         return self._name if self._process is not None and self._process.poll() is None else None
 
-    def state(self) -> JsonObject:
+    def state(self) -> Startable:
         """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet.
 
         It reads folders and files, see `Scenarios`.
@@ -63,9 +161,14 @@ class Starter:
         code = None if self._process is None else self._process.poll()
         scenarios, is_all = self._scenarios.listed()
         listed = [{**each, "verdict": self._verdicts.get(each["name"], "")} for each in scenarios]
-        return {"scenarios": listed, "is_all": is_all, "running": self.running, "exit_code": code}
+        return {
+            "scenarios": cast(list[ListedScenario], listed),
+            "is_all": is_all,
+            "running": self.running,
+            "exit_code": code,
+        }
 
-    def note_end(self, pid: int, end: JsonObject) -> None:
+    def note_end(self, pid: int, end: EndState) -> None:
         """Keep how a run has ended that this page has started; one that expects nothing has no verdict."""
         if self._process is not None and self._process.pid == pid:
             is_judged = end["expectations"] or end["verdict"] != PASS

@@ -11,8 +11,9 @@ import numpy as np
 import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from liftgate_hil.dashboard.page_state import JsonObject, PageState
 from liftgate_hil.dashboard.recorded import RecordingSource
-from liftgate_hil.dashboard.source import MOST_LINES, JsonObject
+from liftgate_hil.dashboard.source import MOST_LINES
 
 PERIOD_S = 1.0 / 30.0
 _PATIENCE_S = 10.0  # s for a viewer to take a message, after which it is dropped
@@ -27,7 +28,7 @@ class Viewers:
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def publish(self, state: JsonObject) -> None:
+    def publish(self, state: PageState) -> None:
         """Send a state to all viewers; a slow one gets one state in place of several, see `merged`."""
         message = orjson.dumps(state)
         for each in self._waiting:
@@ -62,10 +63,10 @@ class _Waiting:
 
     def __init__(self) -> None:
         self.has_come = asyncio.Event()
-        self._state: JsonObject = {}
+        self._state: PageState = {}
         self._message: bytes | None = None  # the state as JSON, shared with other viewers; None: not made yet
 
-    def put(self, state: JsonObject, message: bytes) -> None:
+    def put(self, state: PageState, message: bytes) -> None:
         """Add a state with its JSON to what waits."""
         if self.has_come.is_set():
             self._state, self._message = merged(self._state, state), None
@@ -79,7 +80,7 @@ class _Waiting:
         return self._message or orjson.dumps(self._state)
 
 
-def merged(older: JsonObject, newer: JsonObject) -> JsonObject:
+def merged(older: PageState, newer: PageState) -> PageState:
     """Return one state in place of two: the newer one, with the lines of the log and the extremes of both.
 
     What the older one alone has (messages and histograms, which come less often) is kept, unless the newer one is
@@ -87,7 +88,7 @@ def merged(older: JsonObject, newer: JsonObject) -> JsonObject:
     """
     if older.get("number") != newer.get("number"):
         return newer
-    found = {**older, **newer}
+    found: PageState = {**older, **newer}
     if "log" in older:
         found["log"] = [*older["log"], *newer.get("log", ())][-MOST_LINES:]
     if older.get("span"):

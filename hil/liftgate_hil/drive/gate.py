@@ -25,8 +25,14 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.single_request import CallerLoop, clear_codes, read_codes
-from liftgate_hil.diagnostics.tester import Diagnostics, Tester, is_asking_once
+from liftgate_hil.diagnostics.tester import (
+    CallerLoop,
+    Diagnostics,
+    Tester,
+    clear_codes,
+    is_asking_once,
+    read_codes,
+)
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import ConfigError, ConfigIssues

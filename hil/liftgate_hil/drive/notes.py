@@ -7,12 +7,12 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from liftgate_hil.ecu.needs import SIDES
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import number_of
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.requests import BUTTONS
+from liftgate_plant.signals import SIDES
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig

@@ -15,9 +15,8 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.events import Event, events_since
 from liftgate_hil.ecu.memory import command_course, note_course
-from liftgate_hil.ecu.needs import check_rig
 from liftgate_hil.ecu.node import NO_ECU, PORT, REFERENCE, Node, NodeState
-from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
+from liftgate_hil.ecu.reference import check_rig, ecu_config, last_frames, new_ecu
 from liftgate_hil.ecu.status import begin_cycle
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,8 @@ import numpy as np
 from liftgate_compiler import compilable
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import learn
+from liftgate_hil.ecu.calibration import PLACES
 from liftgate_hil.ecu.events import NO_VERDICT, note_event
-from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import (
     CLOSED,
     CLOSING,
@@ -31,10 +32,57 @@ from liftgate_hil.ecu.memory import (
 )
 from liftgate_hil.ecu.monitor import SOUND, implausible, is_hot, measure_reading, moves_by_itself
 from liftgate_hil.ecu.motion_end import watch_ends, watch_trap
-from liftgate_hil.ecu.motion_profile import want, wanted_speed
-from liftgate_hil.ecu.position import gone, mean_speed, position_of, take_zero
-from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
-from liftgate_hil.ecu.states import SILENT, begin_motion, enter, is_moving
+from liftgate_hil.ecu.speed_control import controlled_duty, measure_load, measure_speed
+from liftgate_hil.ecu.states import (
+    SILENT,
+    begin_motion,
+    enter,
+    gone,
+    is_moving,
+    mean_speed,
+    position_of,
+    take_zero,
+)
+
+
+@compilable
+def speed_over(speeds: tuple[float, ...], place: float) -> float:
+    """Return the speed at a position, both as shares of the travel, interpolated linearly between PLACES."""
+    if place <= PLACES[0]:
+        return speeds[0]
+    for i in range(1, len(PLACES)):
+        if place < PLACES[i]:
+            share = (place - PLACES[i - 1]) / (PLACES[i] - PLACES[i - 1])
+            return speeds[i - 1] + share * (speeds[i] - speeds[i - 1])
+    return speeds[len(PLACES) - 1]
+
+
+@compilable
+def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
+    """Return the wanted speed [counts/s]: a soft start over time, then what is calibrated for the position."""
+    c, control = constants.calibration, memory.control[0]
+    position, travel = position_of(memory), control.travel
+    elapsed = control.now - control.since
+    if np.isnan(position) or np.isnan(travel):
+        return float(min(c.learning_speed, c.creep_speed + c.learning_start * elapsed))
+    if control.state == CLOSING:
+        start = c.closing_start
+        speed = speed_over(c.closing_speed, (position - c.seal_zone) / travel)
+    else:
+        start = c.opening_start
+        speed = speed_over(c.opening_speed, position / travel)
+    started = c.creep_speed + travel * start * elapsed
+    return float(max(min(travel * speed, started), c.creep_speed))
+
+
+@compilable
+def want(constants: EcuConstants, memory: EcuMemory, speed: float) -> None:
+    """Set the wanted speed [counts/s], and track how fast it changes, since the gate feels that for a while."""
+    control = memory.control[0]
+    fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
+    rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
+    control.wanted, control.ramp = speed, max(rate, fading)
+
 
 _UNBRAKED = -1.0  # in place of the time until which to brake: the bridges stay off
 
@@ -108,43 +156,31 @@ def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None
 
 
 @compilable
-def update(constants: EcuConstants, memory: EcuMemory, now: float, feedback: Feedback) -> DriveCommand:
+def update(constants: EcuConstants, memory: EcuMemory, now: float, heard: Feedback) -> DriveCommand:
     """Run one control cycle at a time [s], and return the command.
 
     A request made since the last cycle acts from the next one on, a stop at once.
     """
-    control = memory.control[0]
+    control, drives = memory.control[0], memory.drives
     control.now = now
-    take_feedback(
-        constants,
-        memory.drives[0],
-        feedback.left_time,
-        feedback.left_count,
-        feedback.left_turning,
-        feedback.left_current,
-    )
-    if len(memory.drives) > 1:
+    take_feedback(constants, drives[0], heard.left_time, heard.left_count, heard.left_turning, heard.left_current)
+    if len(drives) > 1:
         take_feedback(
-            constants,
-            memory.drives[1],
-            feedback.right_time,
-            feedback.right_count,
-            feedback.right_turning,
-            feedback.right_current,
+            constants, drives[1], heard.right_time, heard.right_count, heard.right_turning, heard.right_current
         )
     if control.state == UNKNOWN:
-        enter(constants, memory, CLOSED if feedback.latched else STOPPED, SILENT, NO_VERDICT)
-        if feedback.latched:
+        enter(constants, memory, CLOSED if heard.latched else STOPPED, SILENT, NO_VERDICT)
+        if heard.latched:
             take_zero(memory)
         elif constants.calibration.defects.goes_on_after_reset != 0:
             enter(constants, memory, CLOSING, events.STARTS_CLOSING, NO_VERDICT)
     if is_moving(control.state):
-        command = move(constants, memory, feedback)
+        command = move(constants, memory, heard)
     else:
         command = stand(constants, memory)
     if control.request != NO_REQUEST:
         was_moving = is_moving(control.state)
-        obey(constants, memory, feedback.temperature)
+        obey(constants, memory, heard.temperature)
         if was_moving and not is_moving(control.state):
             command = hold(memory)
     return command
@@ -215,7 +251,7 @@ def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> Driv
     if control.state == CLOSING and latched:
         if (
             not control.is_zero_known
-        ):  # else the zero is kept: a drive that has squeezed the mechanism is beyond its zero
+        ):  # else it is kept: a drive that has squeezed the mechanism is beyond its zero
             take_zero(memory)
         learn(memory.guards[1])
         enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)

@@ -20,8 +20,8 @@ from liftgate_hil.diagnostics import isotp
 from liftgate_hil.diagnostics.isotp import Link, new_link
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.diagnostics.trouble_code import number_of
+from liftgate_hil.ecu.events import TROUBLE_CODES
 from liftgate_hil.ecu.status import AVAILABLE, clear
-from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES
 
 _SESSION, _RESET, _CLEAR, _READ, _PRESENT = 0x10, 0x11, 0x14, 0x19, 0x3E
 _POSITIVE, _NEGATIVE, _SUPPRESSED = 0x40, 0x7F, 0x80

@@ -1,7 +1,8 @@
-"""Events that the reference ECU reports, as codes in its records and as texts for people."""
+"""Events that the reference ECU reports, as codes in its records and as texts, and its trouble codes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +55,27 @@ TEXTS = (
     "motors too hot: not started",
     "the latch reads closed far from the closed end: ignored",
 )
+
+
+class EcuDtc(NamedTuple):
+    """A trouble code, of five characters as in SAE J2012, in its manufacturers' ranges, and its meaning."""
+
+    code: str
+    meaning: str
+
+
+TROUBLE_CODES: Mapping[int, EcuDtc] = {
+    DRIVES_APART: EcuDtc("B1A01-62", "the drives' Hall counts differ: signals do not agree"),
+    CURRENT_FROZEN: EcuDtc("B1A02-2A", "a moving drive's current does not change: stuck signal"),
+    CURRENT_LOST: EcuDtc("B1A03-13", "one drive carries the whole load: the other circuit is open"),
+    OVER_CURRENT: EcuDtc("B1A04-19", "a drive's current is above its limit"),
+    LATCH_IMPLAUSIBLE: EcuDtc("B1A05-64", "the latch's switch reads closed far from the closed end"),
+    BLOCKED_CLOSING: EcuDtc("B1A06-97", "the closing gate stops before its end position: blocked"),
+    BLOCKED_OPENING: EcuDtc("B1A07-97", "the opening gate stops before its end position: blocked"),
+    FALLS: EcuDtc("B1A08-94", "the gate falls from standstill: unexpected operation"),
+    TOO_HOT: EcuDtc("B1A09-98", "a motor is too hot to start: over temperature"),
+    FEEDBACK_LOST: EcuDtc("U1A01-87", "the drives' feedback did not arrive in time: missing message"),
+}  # fmt: skip
 
 
 class Event(NamedTuple):

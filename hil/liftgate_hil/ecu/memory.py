@@ -52,10 +52,7 @@ DRIVE = np.dtype(
 )
 GUARD = np.dtype(
     [
-        (
-            "offset",
-            "f8",
-        ),  # A of this run over the reference, or its recent load if there is none; NaN: not known yet
+        ("offset", "f8"),  # A of this run over the reference, without one its recent load; NaN: not known yet
         ("time", "f8"),  # s since the run began
         ("suspect", "i8"),  # cycles in a row with more load than expected
         ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet

@@ -11,9 +11,8 @@ from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import forget, learn, watch
 from liftgate_hil.ecu.events import NO_VERDICT
 from liftgate_hil.ecu.memory import CLOSING, OPEN, OPENING, REVERSING, STOPPED, EcuConstants, EcuMemory
-from liftgate_hil.ecu.position import gone, is_in_seal, mean_speed, position_of, travel_or
 from liftgate_hil.ecu.speed_control import counts_a_turn
-from liftgate_hil.ecu.states import enter, guard_of
+from liftgate_hil.ecu.states import enter, gone, guard_of, is_in_seal, mean_speed, position_of, travel_or
 
 
 @compilable

@@ -18,6 +18,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
@@ -28,7 +29,9 @@ from liftgate_hil.ecu.events import note_statuses
 from liftgate_hil.ecu.memory import NO_REQUEST, EcuConstants, EcuMemory, constants_of, new_memory, note_course
 from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import IN, OUT, OUTPUT_COUNT
+from liftgate_plant.signals import SIDES
 
 _COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
 _NOMINAL_V = 12.0  # used where the bus does not carry the terminal voltage
@@ -47,9 +50,7 @@ class EcuConfig(NamedTuple):
     needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves
     patience_ns: NDArray[np.int64]  # time after which each of these is stale
     drives_rows: NDArray[np.int64]  # (2,) rows of `inputs` with the drives' currents
-    speed_rows: NDArray[
-        np.int64
-    ]  # (2,) rows with their speeds; the currents' rows if the cycle differs or there is none
+    speed_rows: NDArray[np.int64]  # (2,) rows with their speeds; the currents' where the cycle differs, or without
     has_latch: int  # 0: the angle shows when the gate is closed
     has_angle: int  # 0: the bus carries no angle
     signed: int  # 1: the duty's sign is the direction
@@ -73,7 +74,8 @@ class EcuState(NamedTuple):
 def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> EcuConfig:
     """Return the constants of the reference ECU for a rig."""
     inputs = rig.output_config(sending=False)
-    needed = _needed(rig, drives)
+    needed, (current_rows, speed_rows) = _needed(rig, drives), _sampled_rows(rig)
+    sent = {mapping.quantity for mapping in rig.outputs}
     timeout_ns = round(calibration.feedback_timeout * 1e9)
     outputs, commands = rig.input_config(), message_rows(rig, (*COMMANDS, "latch_release"))
     command_ms, current_ms = rig.command_cycle_ms(), rig.current_cycle_ms()
@@ -90,10 +92,10 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
         patience_ns=np.array(
             [max(timeout_ns, int(inputs.messages[row].timeout_ns)) for row in needed], dtype=np.int64
         ),
-        drives_rows=np.array(_current_rows(rig), dtype=np.int64),
-        speed_rows=np.array(_speed_rows(rig), dtype=np.int64),
-        has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
-        has_angle=int("gate_angle" in {mapping.quantity for mapping in rig.outputs}),
+        drives_rows=np.array(current_rows, dtype=np.int64),
+        speed_rows=np.array(speed_rows, dtype=np.int64),
+        has_latch=int("latch_state" in sent),
+        has_angle=int("gate_angle" in sent),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
         cycle_ns=round(cycle_ms * 1e6),
         command_ns=round(command_ms * 1e6),
@@ -114,38 +116,60 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     )
 
 
+def check_rig(rig: Rig, drives: int) -> None:
+    """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
+    issues = ConfigIssues(rig.source)
+    for quantity in lacking_feedback(rig, drives):
+        issues.add(
+            f"outputs.{quantity}",
+            f"missing, and the reference ECU does not move without it; allowed: the signal with the "
+            f"{quantity.partition('_')[0]} drive's feedback, or another `ecu`",
+        )
+    commands = {name for name in COMMANDS if name.startswith(SIDES[:drives])} | {"latch_release"}
+    for mapping in rig.inputs:
+        missing = missing_values(mapping)
+        if missing and mapping.quantity in commands:
+            issues.add(
+                f"inputs.{mapping.quantity}.values",
+                f"{', '.join(missing)} missing, and the reference ECU sends it; allowed: a value for each, or "
+                "another `ecu`",
+            )
+    issues.raise_if_any()
+
+
+def lacking_feedback(rig: Rig, drives: int) -> list[str]:
+    """Return the quantities of a gate of `drives` drives that the reference ECU needs and a rig does not send."""
+    sent = {mapping.quantity for mapping in rig.outputs}
+    return [quantity for quantity in _feedback(drives) if quantity not in sent]
+
+
+def _feedback(drives: int) -> list[str]:
+    return [f"{side}_{name}" for side in SIDES[:drives] for name in ("current", "hall_count")]
+
+
 def _needed(rig: Rig, drives: int) -> list[int]:
     """Return the rows of the cyclic messages with the drives' feedback, or with what shows the gate as closed."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
-    sides = ("left", "right")[:drives]
-    wanted = {f"{side}_{what}" for side in sides for what in ("current", "hall_count")}
-    wanted |= {"latch_state", "gate_angle"}
+    wanted = {*_feedback(drives), "latch_state", "gate_angle"}
     carrying = {each.message for each in rig.outputs if each.quantity in wanted}
     return [row for row, name in enumerate(names) if name in carrying and rig.cycle_ms(name) > 0.0]
 
 
-def _current_rows(rig: Rig) -> tuple[int, int]:
-    """Return the rows of the messages with the drives' currents; the left one's where the right has none."""
-    names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
-    of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
-    left = of.get("left_current", 0)
-    return left, of.get("right_current", left)
+def _sampled_rows(rig: Rig) -> tuple[list[int], list[int]]:
+    """Return the rows of the messages with the drives' currents, and of those with their speeds.
 
-
-def _speed_rows(rig: Rig) -> tuple[int, int]:
-    """Return the rows of the messages with the drives' speeds.
-
-    Where a speed is not sampled together with the current, that is the row of the current.
+    Without a right drive they are the left one's. Where a speed is not sampled together with the current, its row
+    is that of the current.
     """
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
     of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
-    left, right = _current_rows(rig)
-
-    def together(side: str, row: int) -> int:
-        other = of.get(f"{side}_period_speed", row)
-        return other if rig.cycle_ms(names[other]) == rig.cycle_ms(names[row]) else row
-
-    return together("left", left), together("right", right)
+    left = of.get("left_current", 0)
+    currents = [left, of.get("right_current", left)]
+    speeds = [of.get(f"{side}_period_speed", row) for side, row in zip(SIDES, currents, strict=True)]
+    return currents, [
+        speed if rig.cycle_ms(names[speed]) == rig.cycle_ms(names[row]) else row
+        for speed, row in zip(speeds, currents, strict=True)
+    ]
 
 
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
@@ -274,14 +298,7 @@ def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tup
     These are a command where one is due, and the response to a diagnostic tester.
     """
     counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
-    after = EcuState(
-        reception=state.reception,
-        buttons=state.buttons,
-        counts=counts,
-        memory=state.memory,
-        server=state.server,
-        frames=state.frames,
-    )
+    after = EcuState(state.reception, state.buttons, counts, state.memory, state.server, state.frames)
     control = state.memory.control[0]
     asked = pressed_in(config.buttons, state.buttons, frames, now_ns)
     if asked != NO_REQUEST:

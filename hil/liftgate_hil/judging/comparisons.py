@@ -29,12 +29,16 @@ _KEPT = 512  # conditions whose comparisons are kept
 _UNARY, _ATOM = 3, 4  # levels of precedence; sums and products: see _ARITHMETIC
 
 
+_Ops = tuple[tuple[int, str | float], ...]
+_Piece = tuple[str, int, _Ops]  # text, its level, and its operations
+
+
 @dataclass(frozen=True)
 class Side:
     """Side of a comparison: its text with the parameters' numbers in it, its operations, and its unit."""
 
     text: str
-    ops: tuple[tuple[int, str | float], ...]
+    ops: _Ops
     unit: str
 
     @property
@@ -101,7 +105,7 @@ def shown_name(column: str) -> str:
 def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
     """Return the comparisons of a condition, in the order of its text, which is that of its units."""
     found: list[Relation] = []
-    stack: list[tuple[str, int, tuple[tuple[int, str | float], ...]]] = []
+    stack: list[_Piece] = []
     for code, what in condition.ops:
         own = ((code, what),)
         if code == codes.CONST:
@@ -131,11 +135,7 @@ def sides_of(comparisons: Sequence[Relation]) -> list[Side]:
     return list({side.text: side for side in sides if side.constant is None}.values())
 
 
-def _joined(
-    left: tuple[str, int, tuple[tuple[int, str | float], ...]],
-    right: tuple[str, int, tuple[tuple[int, str | float], ...]],
-    code: int,
-) -> tuple[str, int, tuple[tuple[int, str | float], ...]]:
+def _joined(left: _Piece, right: _Piece, code: int) -> _Piece:
     sign, level, _ = _ARITHMETIC[code]
     first = _bound(left[0], left[1], level)
     second = _bound(right[0], right[1], level + 1)

@@ -12,8 +12,7 @@ from liftgate_compiler import all_finite, compilable, fill
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.signals import COLUMN_ROWS, Bench
-from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, sent
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, outside_at, sent
 from liftgate_plant.signals import CURRENT, GATE_ANGLE, GATE_RATE, POSITION, SPEED, Sensed, Truth
 
 

@@ -16,10 +16,16 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.advance import is_sound, write_row
 from liftgate_hil.loop.energy_watch import MOST, EnergyWatch
 from liftgate_hil.signals import ON_TIME, ROW_WIDTH
-from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, turns
-from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
+from liftgate_hil.stimuli.timeline import (
+    NOT_ARMED,
+    ObstacleArming,
+    armed,
+    obstacle_at,
+    profiles_over,
+    supply_rise_over,
+)
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.constants import Constants
 from liftgate_plant.dynamics import Inputs, State, angle_at

@@ -41,8 +41,8 @@ from liftgate_hil.signals import (
     EdgeTimes,
     Status,
 )
-from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
-from liftgate_hil.stimuli.outside import Outside
+from liftgate_hil.stimuli.stimulus_plan import Outside
+from liftgate_hil.stimuli.timeline import NOT_ARMED, ObstacleArming, armed
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from liftgate_plant.constants import Constants

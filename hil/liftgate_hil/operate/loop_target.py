@@ -129,7 +129,7 @@ class Target:
         self._loop, self._place = loop, place
 
     def hold(self, values: Mapping[str, float]) -> None:
-        """Hold values, by their names in held_values.NAMES, from the next tick on; NaN: hold it no longer.
+        """Hold values, by their names in command_queue.NAMES, from the next tick on; NaN: hold it no longer.
 
         Raises ConfigError where there is no room for so many, and changes nothing then.
         """

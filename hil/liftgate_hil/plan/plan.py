@@ -16,7 +16,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.ecu.find import check_ecu
-from liftgate_hil.ecu.identity import identity_of
+from liftgate_hil.ecu.mutants import identity_of
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of

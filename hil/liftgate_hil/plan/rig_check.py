@@ -12,7 +12,7 @@ from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
 from liftgate_hil.config.rig_table import MappedMessage, asked_by, injected_by, mapped_messages, protected_besides
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.diagnostics.tester import Diagnostics
-from liftgate_hil.ecu.needs import lacking_feedback
+from liftgate_hil.ecu.reference import lacking_feedback
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.request import RigCheckRequest
 from liftgate_hil.plan.setup import vehicle_from

@@ -13,7 +13,7 @@ from liftgate_hil.codec.messages import Messages
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
-from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, SIDES
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE
 from liftgate_hil.config.parameters import find_parameter, value_of, with_value
 from liftgate_hil.config.restbus import changes_in, pressed
 from liftgate_hil.config.scenario import Scenario
@@ -34,6 +34,7 @@ from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
 from liftgate_hil.stimuli.stimulus_plan import Bus, StimulusPlan, stimulus_plan_of
 from liftgate_plant.constants import constants_of, numbers_of
 from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.signals import SIDES
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:

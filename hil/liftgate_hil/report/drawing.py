@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.report.files import SOFTWARE
 from liftgate_hil.report.numbers import clean
-from liftgate_hil.report.ours import SOFTWARE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

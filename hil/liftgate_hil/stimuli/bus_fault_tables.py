@@ -15,33 +15,16 @@ KINDS = (
     "frame_lost", "frame_delayed", "frame_repeated", "frame_corrupted", "wrong_counter", "wrong_checksum",
     "wrong_length", "frame_frozen", "babbling", "bus_off",
 )  # fmt: skip
-
-
 (
     LOST, DELAYED, REPEATED, CORRUPTED, COUNTER, CHECKSUM, LENGTH, FROZEN, BABBLING, BUS_OFF,
 ) = range(len(KINDS))  # fmt: skip
-
-
 NO_KIND = -1  # kind of a free row
-
-
 SENT, RECEIVED = 1, 2  # by the gate
-
-
 DIRECTIONS = {"sent": SENT, "received": RECEIVED}
-
-
 EVERY = -1  # in place of an identifier: all messages of the rig in that direction
-
-
 MOST = 1024  # frames per tick and direction; more are lost
-
-
 _BUSIEST = 25_000.0  # frames/s that may be delayed
-
-
 _TO_COME = 65_536  # frames that faults injected later may delay: 10 s of a full bus at 500 kbit/s
-
 
 BUS_FAULT = np.dtype(
     [
@@ -59,8 +42,6 @@ BUS_FAULT = np.dtype(
         ("last_ns", "i8"),
     ]
 )
-
-
 # The last frame of a message; the identifier tells which one it is of after a change of the bus table.
 HELD = np.dtype(
     [
@@ -71,8 +52,6 @@ HELD = np.dtype(
         ("payload", "u1", (MAX_BYTES,)),
     ]
 )
-
-
 QUEUED = np.dtype(
     [
         ("due_ns", "i8"),

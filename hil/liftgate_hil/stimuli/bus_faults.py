@@ -20,36 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, outlined
-from liftgate_hil.codec.checksum import checksum_in, write_checksum
-from liftgate_hil.codec.frames import FD_FLAGS, LENGTHS, MAX_BYTES, Frames
+from liftgate_hil.codec.bits import insert_long, place_at
+from liftgate_hil.codec.checksum import checksum_in, put_checksum, write_checksum
+from liftgate_hil.codec.frames import ERROR, FD_FLAGS, LENGTHS, MAX_BYTES, REMOTE, Frames
+from liftgate_hil.codec.receive import counter_of, find_message
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.stimuli.bus_fault_tables import (
-    BABBLING,
-    BUS_OFF,
-    CHECKSUM,
-    CORRUPTED,
-    COUNTER,
-    DELAYED,
-    FROZEN,
-    LENGTH,
-    LOST,
-    MOST,
-    NO_KIND,
-    RECEIVED,
-    REPEATED,
-    SENT,
-    BusFaults,
-)
-from liftgate_hil.stimuli.held_frames import (
-    find_held,
-    holds,
-    is_meant,
-    keep,
-    keep_before,
-    keep_last,
-    message_in,
-    stand_still,
-)
+from liftgate_hil.stimuli import bus_fault_tables as kinds
+from liftgate_hil.stimuli.bus_fault_tables import EVERY, MOST, NO_KIND, RECEIVED, SENT, BusFaults
 from liftgate_plant.noise import uniform
 
 _FD_LENGTHS = LENGTHS[8:]
@@ -154,7 +131,7 @@ def is_off(faults: BusFaults, shares: NDArray[np.float64]) -> bool:
     off = False
     for row in range(len(faults.rows)):
         fault = faults.rows[row]
-        off = off or (fault.kind == BUS_OFF and shares[fault.fault] > 0.0)
+        off = off or (fault.kind == kinds.BUS_OFF and shares[fault.fault] > 0.0)
     return off
 
 
@@ -246,12 +223,12 @@ def left_of(
             if shares[fault.fault] == 0.0:
                 if copies > 0:
                     keep_before(fault, held, bus, message, room, place)
-            elif fault.kind == LOST:
+            elif fault.kind == kinds.LOST:
                 if drawn(fault, seed) < fault.probability:
                     copies = 0
-            elif fault.kind == REPEATED:
+            elif fault.kind == kinds.REPEATED:
                 copies *= 2
-            elif fault.kind == DELAYED:
+            elif fault.kind == kinds.DELAYED:
                 delay_ns += fault.delay_ns
             else:
                 find_held(faults, fault, held, bus, message, direction)
@@ -309,13 +286,13 @@ def enqueue(faults: BusFaults, room: Frames, place: int, direction: int, due_ns:
 def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, place: int, seed: int) -> None:
     """Change a frame of `room` by a fault."""
     table, data, length = bus.messages[message], room.data, room.lengths[place]
-    if fault.kind == CORRUPTED:
+    if fault.kind == kinds.CORRUPTED:
         if length > 0:
             bit = min(int(drawn(fault, seed) * 8 * length), 8 * length - 1)
             data[place, bit >> 3] = data[place, bit >> 3] ^ (1 << (bit & 7))
-    elif fault.kind == LENGTH:
+    elif fault.kind == kinds.LENGTH:
         room.lengths[place] = other_length(length)
-    elif fault.kind == FROZEN:
+    elif fault.kind == kinds.FROZEN:
         if not holds(held, table):  # no frame came before the fault
             keep(held, bus, message, room, place)
         room.lengths[place] = held.length
@@ -323,10 +300,10 @@ def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, pl
             data[place, k] = held.payload[k]
     elif length != table.length:  # such a frame has neither counter nor checksum
         return
-    elif fault.kind == CHECKSUM:
+    elif fault.kind == kinds.CHECKSUM:
         if table.checksum >= 0:
             write_checksum(bus, message, data, place, ~checksum_in(bus, message, data, place))
-    elif fault.kind == COUNTER:
+    elif fault.kind == kinds.COUNTER:
         if not holds(held, table) or held.counter < 0:
             keep(held, bus, message, room, place)
         stand_still(held, bus, message, data, place)
@@ -355,7 +332,7 @@ def babble(
     origins: NDArray[np.int64],
 ) -> int:
     """Put the frames of babbling into `room` after the first `count`; return the new count."""
-    if fault.kind != BABBLING or fault.direction != direction or shares[fault.fault] == 0.0:
+    if fault.kind != kinds.BABBLING or fault.direction != direction or shares[fault.fault] == 0.0:
         return count
     if fault.last_ns < 0:  # the first frame at once
         fault.owed, fault.last_ns = 1.0 if fault.rate > 0.0 else 0.0, now_ns
@@ -383,3 +360,74 @@ def restamp(faults: BusFaults, count: int, stamps: NDArray[np.int64], now_ns: in
         faults.stamps[i] = stamps[origin] if origin >= 0 else now_ns
     for i in range(count):
         stamps[i] = faults.stamps[i]
+
+
+@compilable
+def message_in(bus: BusConfig, frames: Frames, place: int) -> int:
+    """Return the message of a frame; -1: it is not a data frame of a message in the bus table."""
+    identifier = int(frames.identifiers[place])
+    return -1 if identifier & (ERROR | REMOTE) else find_message(bus, identifier & ~FD_FLAGS)
+
+
+@compilable
+def is_meant(fault: Any, bus: BusConfig, message: int, direction: int) -> bool:
+    """Whether a fault applies to a message in a direction."""
+    is_its = fault.identifier == EVERY or fault.identifier == bus.messages[message].identifier
+    return bool(is_its and fault.direction & direction != 0)
+
+
+@compilable
+def keep(held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
+    """Keep a frame of a message in `held`."""
+    table = bus.messages[message]
+    held.is_held, held.length = 1, frames.lengths[place]
+    held.identifier, held.counter = table.identifier, -1
+    if table.counter >= 0 and held.length == table.length:
+        held.counter = counter_of(bus, message, frames.data, place)
+    for k in range(frames.lengths[place]):
+        held.payload[k] = frames.data[place, k]
+
+
+@compilable
+def holds(held: Any, table: Any) -> bool:
+    """Whether a frame of a message is kept in `held`."""
+    return bool(held.is_held != 0 and held.identifier == table.identifier)
+
+
+@compilable
+def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
+    """Keep a frame that a fault will hold if it comes into force before the next frame."""
+    is_whole = frames.lengths[place] == bus.messages[message].length
+    if fault.kind == kinds.FROZEN or (fault.kind == kinds.COUNTER and is_whole):
+        keep(held, bus, message, frames, place)
+
+
+@compilable
+def keep_last(faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int) -> None:
+    """Keep the last frame of a message as it was delivered."""
+    if message < faults.last.shape[1]:
+        keep(faults.last[direction - 1, message], bus, message, frames, place)
+
+
+@compilable
+def find_held(faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int) -> None:
+    """Copy the frame that was delivered last to a fault that has just been injected, as the one it holds."""
+    if fault.kind not in (kinds.FROZEN, kinds.COUNTER) or message >= faults.last.shape[1]:
+        return
+    table, last = bus.messages[message], faults.last[direction - 1, message]
+    if holds(last, table) and not holds(held, table):
+        held.is_held, held.identifier, held.counter = 1, last.identifier, last.counter
+        held.length = last.length
+        for k in range(last.length):
+            held.payload[k] = last.payload[k]
+
+
+@compilable
+def stand_still(held: Any, bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> None:
+    """Set the counter of a frame to that of the held frame, with a correct checksum."""
+    table = bus.messages[message]
+    if table.counter < 0:
+        return
+    insert_long(data, row, place_at(bus.places, table.counter), int(held.counter))
+    if table.kind:
+        put_checksum(bus, message, int(held.counter), data, row)

@@ -7,6 +7,7 @@ slots that the tables of the stimulus plan keep free.
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -18,10 +19,23 @@ from liftgate_hil.diagnostics.tester import Tester, wants_reset
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.bus_fault_tables import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
 from liftgate_hil.stimuli.faults import EDIT, FAULT, FaultPlan, Injection
-from liftgate_hil.stimuli.held_values import NAMES
 from liftgate_hil.stimuli.moments import BY_TIME
 from liftgate_hil.stimuli.restbus import Restbus, settle
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
+
+# Surroundings (NaN: none), an obstacle (stiffness NaN: none), timing.
+NAMES = (*Surroundings._fields, *(f"obstacle_{name}" for name in Obstacle._fields), *Timing._fields)
+HELD: Any = namedtuple("Held", NAMES)(*range(len(NAMES)))
+HELD_SURROUNDINGS = Surroundings(**{name: getattr(HELD, name) for name in Surroundings._fields})
+HELD_OBSTACLE = Obstacle(**{name: getattr(HELD, f"obstacle_{name}") for name in Obstacle._fields})
+HELD_TIMING = Timing(**{name: getattr(HELD, name) for name in Timing._fields})
+
+
+def nothing_held() -> NDArray[np.float64]:
+    """Return the held values before the first command."""
+    return np.full(len(NAMES), np.nan)
+
 
 SLOTS = 32  # faults that may be injected at the same time
 LENGTH = 256  # commands that may wait

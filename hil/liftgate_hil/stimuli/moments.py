@@ -17,21 +17,8 @@ from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.watch import watch, watched
-from liftgate_hil.conditions.condition import (
-    ABS,
-    AND,
-    COLUMN,
-    CONST,
-    EQ,
-    GE,
-    GT,
-    LE,
-    LT,
-    NEG,
-    NOT,
-    SIGNAL,
-    Condition,
-)
+from liftgate_hil.conditions import condition as codes
+from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate, table_of, work_for
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import COLUMN_PLACE
@@ -106,7 +93,7 @@ class Sheet:
 
     def moments(self, conditions: Sequence[Condition], messages: Mapping[str, Message]) -> Moments:
         """Return the table of moments; `conditions` are those of `instants`."""
-        signals = list(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
+        signals = list(dict.fromkeys(name for each in conditions for name in each.names(codes.SIGNAL)))
         count = len(self._rows)
         rows = [(*row, *necessary(conditions[row[0]])) for row in self._rows]
         return Moments(
@@ -123,7 +110,7 @@ class Sheet:
 # A column's place, and the range that it must be in.
 _Range = tuple[int, float, float]
 _ANY_RANGE: _Range = (-1, -math.inf, math.inf)
-_MIRRORED = {LT: GT, LE: GE, GT: LT, GE: LE, EQ: EQ}
+_MIRRORED = {codes.LT: codes.GT, codes.LE: codes.GE, codes.GT: codes.LT, codes.GE: codes.LE, codes.EQ: codes.EQ}
 
 
 def necessary(condition: Condition) -> _Range:
@@ -133,11 +120,11 @@ def necessary(condition: Condition) -> _Range:
     """
     stack: list[_Range | str | float | None] = []
     for code, what in condition.ops:
-        if code in (CONST, COLUMN, SIGNAL):
-            stack.append(None if code == SIGNAL else what)
-        elif code in (NEG, ABS, NOT):
+        if code in (codes.CONST, codes.COLUMN, codes.SIGNAL):
+            stack.append(None if code == codes.SIGNAL else what)
+        elif code in (codes.NEG, codes.ABS, codes.NOT):
             top = stack.pop()
-            stack.append(-top if code == NEG and isinstance(top, float) else None)
+            stack.append(-top if code == codes.NEG and isinstance(top, float) else None)
         else:
             right, left = stack.pop(), stack.pop()
             stack.append(_of_two(code, left, right))
@@ -147,14 +134,14 @@ def necessary(condition: Condition) -> _Range:
 
 def _of_two(code: int, left: _Range | str | float | None, right: _Range | str | float | None) -> _Range | None:
     """Return what is known of two operands that an operation joins."""
-    if code == AND:
+    if code == codes.AND:
         return next((each for each in (left, right) if isinstance(each, tuple)), None)
     if isinstance(right, str) and code in _MIRRORED:
         code, left, right = _MIRRORED[code], right, left
     if not (code in _MIRRORED and isinstance(left, str) and isinstance(right, float)):
         return None
-    low = -math.inf if code in (LT, LE) else right
-    high = math.inf if code in (GT, GE) else right
+    low = -math.inf if code in (codes.LT, codes.LE) else right
+    high = math.inf if code in (codes.GT, codes.GE) else right
     return COLUMN_PLACE[left], low, high
 
 

@@ -1,4 +1,8 @@
-"""The stimulus plan of a run: all that acts on it, and its progress, which the loops carry from tick to tick."""
+"""The stimulus plan of a run: all that acts on it, and its progress, which the loops carry from tick to tick.
+
+Precedence for a quantity: the scenario's profile, over it the bus panel, over both the API and the dashboard. The
+panel's frames are read by the tick itself.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +12,42 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_compiler import compilable, outlined
+from liftgate_compiler import compilable, outlined, picked
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.diagnostics.tester import Tester, no_tester, tester_hears, wants_reset, with_requests
+from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus_faults_of
 from liftgate_hil.stimuli.bus_faults import note_force, on_bus
-from liftgate_hil.stimuli.command_queue import CLOSED, CommandQueue, Opening, command_queue_of, take_commands
+from liftgate_hil.stimuli.command_queue import (
+    CLOSED,
+    HELD_OBSTACLE,
+    HELD_SURROUNDINGS,
+    HELD_TIMING,
+    CommandQueue,
+    Opening,
+    command_queue_of,
+    nothing_held,
+    take_commands,
+)
 from liftgate_hil.stimuli.faults import FaultPlan, Injection, faults_of, is_changed
-from liftgate_hil.stimuli.held_values import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
 from liftgate_hil.stimuli.restbus import NO_BUS, BusTables, Restbus, SignalChange, restbus_of, with_restbus
-from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
+from liftgate_hil.stimuli.timeline import (
+    Profile,
+    TimedObstacle,
+    Timeline,
+    obstacle_at,
+    profiles_over,
+    supply_rise_over,
+    timeline_of,
+)
 from liftgate_plant.constants import Constants
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
 
 _AT_ONCE = -1e300
 
@@ -39,7 +63,7 @@ class StimulusPlan(NamedTuple):
     moments: Moments
     faults: FaultPlan
     bus_faults: BusFaults
-    held: NDArray[np.float64]  # values set by commands, see `held_values`
+    held: NDArray[np.float64]  # values set by commands, see `command_queue`
     requests: Requests
     restbus: Restbus
     tester: Tester  # for the ECU's diagnostics
@@ -168,3 +192,38 @@ def note_resets(stimuli: StimulusPlan, now_ns: int) -> None:
     """Pass the scenario's requests due at its time [ns] to the tester: resets, where there are any."""
     for _ in range(take_due(stimuli.requests, stimuli.moments, now_ns)):
         wants_reset(stimuli.tester)
+
+
+class Outside(NamedTuple):
+    """Stimuli that act during one tick."""
+
+    profiles: Surroundings  # the scenario's, their mean over the tick; NaN: none
+    supply_rise: float  # V, rise of the scenario's supply over the tick
+    obstacle: Obstacle  # the scenario's; stiffness 0: none
+    commanded: Surroundings  # by API or dashboard; NaN: none
+    commanded_obstacle: Obstacle  # stiffness NaN: none
+    timing: Timing  # timing reported by the loop
+    ticks_before: int  # plant steps done before the scenario's time 0
+    ticks_missed: int  # so far
+    is_silent: bool  # makes up for a missed tick and sends nothing
+    is_stop: bool  # the last tick: motors off, every message once more
+
+
+@compilable
+def outside_at(
+    stimuli: StimulusPlan, time: float, step: float, ticks_missed: int, is_silent: bool, is_stop: bool
+) -> Outside:
+    """Return the stimuli that act during the step [s] from a time on."""
+    timeline, held = stimuli.timeline, stimuli.held
+    return Outside(
+        profiles=profiles_over(timeline, time, step),
+        supply_rise=supply_rise_over(timeline, time, step),
+        obstacle=obstacle_at(timeline, stimuli.moments, time),
+        commanded=picked(held, HELD_SURROUNDINGS),
+        commanded_obstacle=picked(held, HELD_OBSTACLE),
+        timing=picked(held, HELD_TIMING),
+        ticks_before=stimuli.origin[0],
+        ticks_missed=ticks_missed,
+        is_silent=is_silent,
+        is_stop=is_stop,
+    )

@@ -16,9 +16,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.judging.shown_verdict import line_of
-from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
-from liftgate_hil.report.ours import JUNIT
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, line_of
+from liftgate_hil.report.files import JUNIT
 from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.outcome import Outcome
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from liftgate_hil.judging.comparisons import Relation, Side
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.shown_verdict import margin_text
 from liftgate_hil.judging.trace_summary import Curve, EnvelopeView, TraceSummary
-from liftgate_hil.judging.verdict import FAIL, PASS, Verdict
+from liftgate_hil.judging.verdict import FAIL, PASS, Verdict, margin_text
 from liftgate_hil.report.trace_plot import ConstantLine, Margin, Panel, Picture, SignalLine, trace_svg
 
 MOST_PANELS = 6

@@ -151,7 +151,7 @@ class ExpectationItem(pytest.Item):
     def setup(self) -> None:
         """Run the scenario; what cannot be judged is an error of the set-up."""
         assert isinstance(self.parent, ScenarioCollector)
-        from liftgate_hil.judging.shown_verdict import line_of
+        from liftgate_hil.judging.verdict import line_of
         from liftgate_hil.testing.junit import properties_of
 
         outcome = self.parent.outcome()
@@ -182,7 +182,7 @@ class ExpectationItem(pytest.Item):
 class _VerdictError(Exception):
     def __init__(self, verdict: Verdict) -> None:
         from liftgate_hil.errors import printable
-        from liftgate_hil.judging.shown_verdict import line_of
+        from liftgate_hil.judging.verdict import line_of
 
         super().__init__(printable(f"{verdict.name}: {line_of(verdict)}"))
 
@@ -270,7 +270,7 @@ class Liftgate:
     def report_sections(self) -> dict[str, str]:
         """Return what a failed test's report shows: verdicts that are no pass, and where the recordings are."""
         from liftgate_hil.errors import printable
-        from liftgate_hil.judging.shown_verdict import line_of
+        from liftgate_hil.judging.verdict import line_of
 
         lines = []
         for number, result in enumerate(self._results, 1):

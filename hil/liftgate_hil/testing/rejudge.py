@@ -15,7 +15,7 @@ from liftgate_hil.config.described import command
 from liftgate_hil.config.kinds import listed
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.diagnostics.reset_watch import ResetWatch
+from liftgate_hil.diagnostics.answers import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.drive.result import silence_of, tolerance_of
 from liftgate_hil.drive.stepping import StepsAgain, relevant_frames

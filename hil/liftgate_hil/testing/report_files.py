@@ -12,8 +12,7 @@ from liftgate_compiler.files import remove_leftovers
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import is_one_of
-from liftgate_hil.report.files import is_of_another_kind, make_way, put_report
-from liftgate_hil.report.ours import is_ours
+from liftgate_hil.report.files import is_of_another_kind, is_ours, make_way, put_report
 from liftgate_hil.testing.junit import issues_as_junit
 from liftgate_hil.testing.request import ReportsChoice
 

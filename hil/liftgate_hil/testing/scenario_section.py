@@ -7,9 +7,8 @@ from pathlib import Path
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.shown_verdict import margin_text
 from liftgate_hil.judging.trace_summary import TraceSummary
-from liftgate_hil.judging.verdict import PASS, REPLAY, Verdict
+from liftgate_hil.judging.verdict import PASS, REPLAY, Verdict, margin_text
 from liftgate_hil.report.page import Markup, alert, bullets, figure, pairs, text
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.outcome import Outcome

@@ -18,6 +18,7 @@ from campaign_support import SHORT
 from liftgate_hil.campaigns.executors.slot import Slot
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.isolate import children
 
 VALUES = np.array([[60.0], [70.0], [75.0]])
 

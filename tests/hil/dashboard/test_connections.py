@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from liftgate_hil.dashboard import connections
+from liftgate_hil.dashboard import serving
 from liftgate_hil.dashboard.guard import AUTHORISED, Guard
 
 
@@ -56,9 +56,9 @@ class Later:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Make a connection with two others at most beside it."""
-    monkeypatch.setattr(connections, "_MOST", 3)
+    monkeypatch.setattr(serving, "_MOST", 3)
     monkeypatch.setattr(asyncio, "get_running_loop", lambda: type("Loop", (), {"call_later": Later}))
-    watched, all_of_them = connections.watched(Protocol), set[Any]()
+    watched, all_of_them = serving.watched(Protocol), set[Any]()
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
         if scope["token"]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from liftgate_hil.dashboard import following
-from liftgate_hil.dashboard.following import Following
+from liftgate_hil.dashboard import active_source
+from liftgate_hil.dashboard.active_source import Following
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.operate.attachment import endpoint
 
@@ -18,7 +18,7 @@ class Bench:
         self.made: dict[int, int] = {}
         self.asked: list[int] = []
         monkeypatch.setattr(endpoint, "sockets", lambda: {pid: self.made.get(pid, 0) for pid in self.runs})
-        monkeypatch.setattr(following, "Client", self.client)
+        monkeypatch.setattr(active_source, "Client", self.client)
 
     def client(self, pid: int) -> Client:
         self.asked.append(pid)

@@ -12,10 +12,10 @@ from typing import Any
 import orjson
 import pytest
 
-from liftgate_hil.dashboard import scenarios
-from liftgate_hil.dashboard.scenarios import Scenarios
+from liftgate_hil.dashboard import starting
 from liftgate_hil.dashboard.server import Page
 from liftgate_hil.dashboard.source import NoSource
+from liftgate_hil.dashboard.starting import Scenarios
 
 
 def write(path: Path, text: str = "duration = 1\n") -> None:
@@ -59,7 +59,7 @@ def test_names_are_those_of_the_files_below_without_hidden_ones(tmp_path: Path) 
 def test_a_folder_of_many_files_is_looked_at_in_part_and_that_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entries: list[str]
 ) -> None:
-    monkeypatch.setattr(scenarios, "_MOST_ENTRIES", 50)
+    monkeypatch.setattr(starting, "_MOST_ENTRIES", 50)
     for k in range(200):
         write(tmp_path / "results" / f"{k}.csv")
     write(tmp_path / "a.toml")
@@ -68,7 +68,7 @@ def test_a_folder_of_many_files_is_looked_at_in_part_and_that_is_told(
 
 
 def test_more_files_than_are_listed_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenarios, "_MOST", 2)
+    monkeypatch.setattr(starting, "_MOST", 2)
     for k in range(3):
         write(tmp_path / f"{k}.toml")
     names, is_all = Scenarios(tmp_path).names()
@@ -96,8 +96,8 @@ def test_a_file_is_read_again_once_it_or_what_it_includes_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[str] = []
-    real = scenarios.read_scenario
-    monkeypatch.setattr(scenarios, "read_scenario", lambda path: (read.append(path.name), real(path))[1])
+    real = starting.read_scenario
+    monkeypatch.setattr(starting, "read_scenario", lambda path: (read.append(path.name), real(path))[1])
     write(tmp_path / "parts/p.toml", 'description = "before"\n')
     write(tmp_path / "a.toml", 'include = ["parts/p.toml"]\n')
     found = Scenarios(tmp_path)

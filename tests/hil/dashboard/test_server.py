@@ -23,8 +23,9 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 from liftgate_hil.dashboard.live import _UNKNOWN_END
+from liftgate_hil.dashboard.page_state import AboutRecording, AboutRun, BusTrace, Curves, GateGeometry, PageState
 from liftgate_hil.dashboard.recorded import RecordingSource
-from liftgate_hil.dashboard.source import STATE
+from liftgate_hil.described_result import keys_of, shown_in
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
 from liftgate_hil.operate.attachment.server import RunEnd, _in_full, _in_short
@@ -97,7 +98,7 @@ def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
 
 def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     """Keys of a live run's state, and of the records behind its `end` and its `verdicts`."""
-    from tools.docs.json_state_keys import STATE_KEYS
+    keys = keys_of(PageState)
 
     def is_whole(state: Any) -> bool:
         is_timed = all(state["loop"][f"{name}_us"] for name in ("lateness", "execution", "command_delay"))
@@ -108,9 +109,9 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     assert state["acting"]["obstacle"]["meets"] == "closing"
     assert client.command(clear="obstacle")[0] == 200
     state["in_force"] = dict.fromkeys(state["in_force"])  # what tests have commanded has the keys of commands
-    found = {*written(state, STATE_KEYS)}
-    later = {path for path in STATE_KEYS if path.startswith("end.")}
-    assert found == {*STATE_KEYS} - later
+    found = {*written(state, keys)}
+    later = {path for path in keys if path.startswith("end.")}
+    assert found == {*keys} - later
     verdict, end = Verdict("moves", "pass"), {*_UNKNOWN_END}
     assert end == {*RunEnd._fields}
     assert {*state["verdicts"][0]} == {*_in_short(verdict)}
@@ -121,16 +122,16 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
 
 
 def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
-    from tools.docs.json_page_keys import GEOMETRY_KEYS, PLOT_KEYS, RECORDING_KEYS, RUN_KEYS, TRACE_KEYS
-
-    answers = {"about": RUN_KEYS, "geometry": GEOMETRY_KEYS, "plot": PLOT_KEYS, "trace": TRACE_KEYS}
-    for path, keys in answers.items():
+    answers = {"about": AboutRun, "geometry": GateGeometry, "plot": Curves, "trace": BusTrace}
+    for path, content in answers.items():
+        keys = keys_of(content)
         assert {*written(client.ask(f"/api/{path}")[1], keys)} == {*keys}
     lh.run("parts/demo_judged", record=tmp_path / "run.mf4")
     recording = RecordingSource(tmp_path / "run.mf4").about()
     recording["marks"] = [{"time_s": 1.0, "text": "it squeaks"}]
-    own = {path for path in RECORDING_KEYS if path not in ("number", "read_only", "starts", "ends_with_run")}
-    assert {*written(recording, RECORDING_KEYS)} == own
+    keys = keys_of(AboutRecording)
+    own = {path for path in keys if path not in ("number", "read_only", "starts", "ends_with_run")}
+    assert {*written(recording, keys)} == own
 
 
 def test_the_page_says_of_frames_that_never_acted_what_the_summary_says() -> None:
@@ -450,7 +451,7 @@ def test_the_geometry_the_command_and_the_histograms_are_there(client: Client) -
 
 
 def test_a_state_holds_what_the_manual_lists(client: Client) -> None:
-    assert set(client.ask("/api/state")[1]) == set(STATE)
+    assert set(client.ask("/api/state")[1]) == set(shown_in(PageState))
 
 
 def test_curves_are_those_asked_for(client: Client) -> None:

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from json_paths import written
 
+from liftgate_hil.dashboard.page_state import Startable
 from liftgate_hil.dashboard.starting import Starter
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.errors import ConfigError, RunGoneError
 
 
@@ -72,9 +74,8 @@ def test_a_run_that_ends_at_once_says_why(starter: Starter, tmp_path: Path) -> N
 
 
 def test_the_scenarios_that_can_be_started_have_the_documented_keys(starter: Starter) -> None:
-    from tools.docs.json_page_keys import SCENARIOS_KEYS
-
-    assert {*written(starter.state(), SCENARIOS_KEYS)} == {*SCENARIOS_KEYS}
+    keys = keys_of(Startable)
+    assert {*written(starter.state(), keys)} == {*keys}
 
 
 class Ended:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from liftgate_hil.codec.frames import LOGGED, no_logged
-from liftgate_hil.dashboard import trace
-from liftgate_hil.dashboard.trace import FrameTrace
+from liftgate_hil.dashboard import heard
+from liftgate_hil.dashboard.heard import FrameTrace
 
 
 def frames(*times: int) -> np.ndarray:
@@ -19,8 +19,8 @@ def frames(*times: int) -> np.ndarray:
 @pytest.fixture
 def kept(monkeypatch: pytest.MonkeyPatch) -> FrameTrace:
     """A trace of ten frames of which six go into one reply."""
-    monkeypatch.setattr(trace, "_KEPT", 10)
-    monkeypatch.setattr(trace, "MOST_FRAMES", 6)
+    monkeypatch.setattr(heard, "_KEPT", 10)
+    monkeypatch.setattr(heard, "MOST_FRAMES", 6)
     return FrameTrace()
 
 

@@ -12,12 +12,10 @@ from liftgate_compiler import compiled
 from liftgate_hil.ecu import memory
 from liftgate_hil.ecu.anti_trap import begin_run, bin_at, learn, reference_at, watch
 from liftgate_hil.ecu.calibration import FINE, FINE_FROM, FINE_TO, PLACES, Calibration
-from liftgate_hil.ecu.controller import DriveCommand, Feedback, take_feedback, update
+from liftgate_hil.ecu.controller import DriveCommand, Feedback, speed_over, take_feedback, update
 from liftgate_hil.ecu.events import TrapDecision, events_since
-from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import EcuMemory, constants_of, new_memory
-from liftgate_hil.ecu.motion_profile import speed_over
-from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
+from liftgate_hil.ecu.speed_control import controlled_duty, measure_load, measure_speed
 
 CYCLE = 0.01  # s
 C = Calibration()

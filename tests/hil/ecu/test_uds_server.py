@@ -19,10 +19,9 @@ from liftgate_hil.diagnostics.trouble_code import number_of, text_of
 from liftgate_hil.ecu import events, status
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.diagnostics import has_work, new_server, serve, server_of
-from liftgate_hil.ecu.events import NO_VERDICT, TEXTS, note_event, note_statuses
+from liftgate_hil.ecu.events import NO_VERDICT, TEXTS, TROUBLE_CODES, note_event, note_statuses
 from liftgate_hil.ecu.memory import CODES, new_memory
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES
 
 MS = 1_000_000
 

@@ -7,7 +7,7 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
-from liftgate_hil.judging.envelope import MOST_BINS, Envelope
+from liftgate_hil.judging.trace_summary import MOST_BINS, Envelope
 
 VALUES = st.lists(st.one_of(st.just(np.nan), st.integers(-50, 50).map(float)), min_size=1, max_size=200)
 

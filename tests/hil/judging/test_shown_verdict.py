@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from liftgate_hil.judging.shown_verdict import line_of, margin_text, times_text
-from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.judging.verdict import Verdict, line_of, margin_text, times_text
 
 SOFT = Verdict(
     *("presses softly", "pass", 43.642, "N", 14.218),

@@ -10,11 +10,10 @@ import pytest
 from hil_support import shipped_rig
 
 from liftgate_hil.codec.frames import LOGGED, no_logged
-from liftgate_hil.judging.envelope import MOST_BINS
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
-from liftgate_hil.judging.trace_summary import EnvelopeView, TraceSummarizer, TraceSummary
+from liftgate_hil.judging.trace_summary import MOST_BINS, EnvelopeView, TraceSummarizer, TraceSummary
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
 RATE = 1000.0

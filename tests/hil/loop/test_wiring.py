@@ -38,9 +38,8 @@ from liftgate_hil.signals import (
     Status,
     Timing,
 )
-from liftgate_hil.stimuli.held_values import HELD
-from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli
+from liftgate_hil.stimuli.command_queue import HELD
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, outside_at
 from liftgate_hil.stimuli.timeline import Profile
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant import integrate, sensors

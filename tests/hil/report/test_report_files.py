@@ -13,8 +13,7 @@ import pytest
 from liftgate_compiler.files import name_beside
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.drawing import new_figure, pdf, png
-from liftgate_hil.report.files import check_targets, put_report
-from liftgate_hil.report.ours import is_ours
+from liftgate_hil.report.files import check_targets, is_ours, put_report
 from liftgate_hil.report.page import page
 from liftgate_hil.testing.junit import issues_as_junit
 

@@ -9,7 +9,7 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
-from liftgate_hil.report.scale import LinearScale, range_of, ticks
+from liftgate_hil.report.trace_plot import LinearScale, range_of, ticks
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 

@@ -13,11 +13,9 @@ from hil_support import stimuli_alone
 
 from liftgate_compiler import compiled
 from liftgate_hil.signals import Timing
-from liftgate_hil.stimuli.command_queue import LENGTH, post_values
-from liftgate_hil.stimuli.held_values import HELD
+from liftgate_hil.stimuli.command_queue import HELD, LENGTH, post_values
 from liftgate_hil.stimuli.moments import Instant, no_moments
-from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.stimulus_plan import TimedStimuli, take_posted
+from liftgate_hil.stimuli.stimulus_plan import Outside, TimedStimuli, outside_at, take_posted
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, obstacle_at, profiles_over
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle

@@ -13,8 +13,7 @@ import pytest
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.ecu import mutants
-from liftgate_hil.ecu.calibration import CALIBRATED, coded
-from liftgate_hil.ecu.defects import NO_DEFECTS, Defects
+from liftgate_hil.ecu.calibration import CALIBRATED, NO_DEFECTS, Defects, coded
 from liftgate_hil.ecu.mutants import MUTANTS, calibration_of
 from liftgate_hil.testing.mutation import INSIDE, MutationResult
 from liftgate_plant.coding import UNCODED
@@ -62,7 +61,8 @@ eventually = "pinch_force_n > 5"
 
 def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """So that they are quickly run."""
-    from liftgate_hil.testing import mutants_section, mutation
+    from liftgate_hil.testing import mutation
+    from liftgate_hil.testing.sections import mutants_section
 
     chosen = {name: MUTANTS[name] for name in names}
     for module in (mutation, mutants_section):

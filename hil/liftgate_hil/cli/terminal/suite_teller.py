@@ -17,8 +17,7 @@ from liftgate_hil.cli.terminal.streams import Output, put_whole
 from liftgate_hil.cli.terminal.teller import Teller
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.errors import number_of, printable
-from liftgate_hil.judging.shown_verdict import line_of
-from liftgate_hil.judging.verdict import PASS
+from liftgate_hil.judging.verdict import PASS, line_of
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import in_one_line, refused_here
 from liftgate_hil.testing.outcome import Case, Outcome, counts_of

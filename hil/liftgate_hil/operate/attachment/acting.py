@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_compiler import picked
 from liftgate_hil.loop.tick import panel_obstacle
-from liftgate_hil.stimuli.held_values import HELD_OBSTACLE
+from liftgate_hil.stimuli.command_queue import HELD_OBSTACLE
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant.constants import constants_of, numbers_of
 

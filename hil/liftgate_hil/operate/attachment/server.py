@@ -20,8 +20,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.judging.shown_verdict import margin_text, times_text
-from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.judging.verdict import Verdict, margin_text, times_text
 from liftgate_hil.loop.listener import Listener, Relay, RunStatus
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.operate.attachment import endpoint

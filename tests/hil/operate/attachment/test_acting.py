@@ -14,8 +14,8 @@ from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.loop_start import start_of
 from liftgate_hil.plan.plan import plan_of
 from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.stimuli.command_queue import NAMES
 from liftgate_hil.stimuli.faults import look
-from liftgate_hil.stimuli.held_values import NAMES
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
 TEXT = """
