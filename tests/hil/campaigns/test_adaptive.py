@@ -236,17 +236,11 @@ def test_pockets_are_in_different_directions(degrees: float, count: int) -> None
     assert len(pockets_of(failing)) == count
 
 
-def test_pockets_are_few() -> None:
+def test_pockets_are_few_and_none_is_in_the_middle_which_has_no_direction() -> None:
     angles = np.radians(np.arange(0.0, 360.0, 45.0))
     assert len(pockets_of(np.column_stack([np.cos(angles), np.sin(angles)]))) == MOST_POCKETS
-
-
-def test_the_middle_has_no_direction_and_is_no_pocket() -> None:
     assert pockets_of(np.array([[0.0, 0.0], [1.0, 0.0]])).tolist() == [[1.0, 0.0]]
-
-
-def test_without_failures_there_are_no_pockets() -> None:
-    assert pockets_of(np.zeros((0, 3))).shape == (0, 3)
+    assert pockets_of(np.zeros((0, 3))).shape == (0, 3)  # without failures
 
 
 def two_pockets(values: Floats) -> Floats:

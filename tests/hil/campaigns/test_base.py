@@ -16,6 +16,7 @@ from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
 from liftgate_plant.quantity import Quantity
@@ -60,34 +61,30 @@ def gravity_point_of(job: Job) -> tuple[float, float]:
     return plan_of(job).setup.vehicle.gate.gravity_point
 
 
-def test_whole_numbers_are_given_as_whole_numbers() -> None:
-    given = [(VariedTarget("a.count", KEY, WHOLE), 24.0), (VariedTarget("a.length", KEY, REAL), 24.0)]
-    assert settings_of(given) == ["a.count=24", "a.length=24.0"]
+FIRST, SECOND = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("given", "settings"),
+    [
+        ([(VariedTarget("a.count", KEY, WHOLE), 24.0)], ["a.count=24"]),
+        ([(VariedTarget("a.length", KEY, REAL), 24.0)], ["a.length=24.0"]),
+        ([(SECOND, -1.0)], ["a.place=[0.25, -1.0]"]),  # the other coordinate is that of the file
+        ([(SECOND, 2.0), (FIRST, 1.0)], ["a.place=[1.0, 2.0]"]),
+        ([(VariedTarget("rod", PARAMETER), 1.0), (VariedTarget("seed", SEED_OF_RUN), 2.0)], []),
+        ([(VariedTarget("draw", DRAW), 3.0)], []),
+    ],
+)
+def test_keys_of_the_vehicle_are_settings_with_numbers_as_the_file_has_them(
+    given: list[tuple[VariedTarget, float]], settings: list[str]
+) -> None:
+    assert settings_of(given) == settings
 
 
 def test_numbers_are_given_to_the_last_bit() -> None:
     value = float(np.nextafter(0.1, 1.0))
     (setting,) = settings_of([(VariedTarget("a.length", KEY, REAL), value)])
     assert float(setting.partition("=")[2]) == value
-
-
-def test_a_coordinate_is_given_with_the_other_one_of_the_file() -> None:
-    target = VariedTarget("a.place[1]", KEY, REAL, (0.25, 0.5))
-    assert settings_of([(target, -1.0)]) == ["a.place=[0.25, -1.0]"]
-
-
-def test_both_coordinates_of_a_point_are_one_setting() -> None:
-    first, second = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
-    assert settings_of([(second, 2.0), (first, 1.0)]) == ["a.place=[1.0, 2.0]"]
-
-
-def test_only_keys_of_the_vehicle_are_settings() -> None:
-    given = [
-        (VariedTarget("rod", PARAMETER), 1.0),
-        (VariedTarget("seed", SEED_OF_RUN), 2.0),
-        (VariedTarget("draw", DRAW), 3.0),
-    ]
-    assert settings_of(given) == []
 
 
 def test_values_go_where_their_names_stand_for(short: str) -> None:
@@ -132,6 +129,11 @@ def test_a_base_makes_the_same_variants_in_another_process_without_its_files(sho
 
 def test_expectations_are_in_the_order_of_the_scenario(short: str) -> None:
     assert base_with(short, "rod=1,2").expectations == ("stays open", "never hot")
+
+
+def test_draws_of_an_ideal_vehicle_are_refused(short: str) -> None:
+    with pytest.raises(ConfigError, match="draw"):
+        base_with(short, "draw=1,2", ideal=True)
 
 
 def test_the_identity_does_not_depend_on_where_the_files_are(short: str, tmp_path: Path) -> None:

@@ -110,6 +110,21 @@ def test_samples_replace_those_of_parts_that_have_some(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("vary", "samples", "expected"),
+    [("supply.voltage~uniform(9,12)", 5, [5, 5]), ("gate.mass=30,31", 0, [None, None])],
+)
+def test_samples_follow_what_replaces_a_grid_or_the_only_distribution_of_a_part(
+    tmp_path: Path, vary: str, samples: int, expected: list[int | None]
+) -> None:
+    content = (
+        '[[part]]\nname = "a"\nscenario = "demo"\nvary = ["supply.voltage=9,12"]\n'
+        '[[part]]\nname = "b"\nscenario = "demo"\nvary = ["gate.mass~uniform(30,31)"]\nsamples = 9\n'
+    )
+    requests = [each.request for each in read(tmp_path, content, vary=(vary,), samples=samples).parts]
+    assert [prepared(each).request.samples for each in requests] == expected
+
+
+@pytest.mark.parametrize(
     ("content", "message"),
     [
         ("part = 5", "{path}: part: 5; allowed: [[part]] tables"),

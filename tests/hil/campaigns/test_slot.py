@@ -1,10 +1,13 @@
-"""A worker process with its batches: which silence is a death, and what is lost by it."""
+"""A worker process with its batches: which silence is a death, what is lost by it, and how it ends."""
 
 from __future__ import annotations
 
 import os
 import pickle
 import signal
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import wait
@@ -15,10 +18,12 @@ import numpy as np
 import pytest
 from campaign_support import SHORT
 
+from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.executors.slot import Slot
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.isolate import stillness
+from liftgate_hil.isolate.children import in_memory
 
 VALUES = np.array([[60.0], [70.0], [75.0]])
 
@@ -82,3 +87,25 @@ def test_a_worker_that_is_stopped_is_replaced_and_its_batch_evaluated(
     assert evaluated(slot) == expected
     assert slot.retried == 1
     assert stopped.poll() == -signal.SIGKILL
+
+
+SENDS_ITSELF_A_SIGNAL = """
+import atexit, os, signal, sys
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGTERM))
+from liftgate_hil.campaigns.executors.worker import main
+sys.exit(main())
+"""
+
+
+def test_a_worker_that_ends_by_itself_does_not_heed_the_request_to_end(base: Base) -> None:
+    """The caller closes the connection, at which it ends, and sends SIGTERM at the same time."""
+    ours, theirs = socket.socketpair()
+    given = in_memory(pickle.dumps((pickle.dumps(base), sys.path)))
+    ours.close()
+    with theirs:
+        done = subprocess.run(
+            [sys.executable, "-c", SENDS_ITSELF_A_SIGNAL, str(theirs.fileno()), str(given)],
+            pass_fds=[theirs.fileno(), given], capture_output=True, text=True, check=False, timeout=120,
+        )  # fmt: skip
+    os.close(given)
+    assert (done.returncode, done.stderr) == (0, "")
