@@ -59,9 +59,7 @@ def as_any_number(data: Data) -> Data:
 
 
 def of_hall_counts(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Of a gate that opens for 0.6 s and rests: (seeds, resistance, inertia, preload), and where each sample is
-    compared as it is: the last count is wrong by up to an eighth of a turn, 3400 times.
-    """
+    """(seeds, parameters) of a gate that opens and rests; and with each sample taken as it is, rests included."""
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
     vehicle = true_vehicle()
     times = np.arange(4001) / 1000.0
@@ -222,9 +220,7 @@ VALLEY_FACTORS = {
 
 
 def of_neighbouring_minima(seed: int) -> np.ndarray:
-    """(parameters,), of 8 s at 1 kHz: of half as many rows, or half as long, the data have no minima beside each
-    other, or tell less than the standard deviations say.
-    """
+    """(parameters,), of 8 s at 1 kHz: shorter data have no such minima, or tell less than their std says."""
     vehicle = vehicle_from("compact")
     truth = {
         name: factor * value_of(vehicle, find_parameter(vehicle, name)) for name, factor in VALLEY_FACTORS.items()

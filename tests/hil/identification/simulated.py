@@ -78,6 +78,17 @@ def measured(
     return Data(name, times, inputs, outputs, sensors is not None)
 
 
+def later(data: Data, seconds: float, from_zero: bool = True) -> Data:
+    """The same measurement, begun that much later; its clock begins again, or goes on."""
+    first = int(np.searchsorted(data.times, seconds))
+    return dataclasses.replace(
+        data,
+        times=data.times[first:] - data.times[first] * from_zero,
+        inputs=data.inputs[first:],
+        outputs={name: values[first:] for name, values in data.outputs.items()},
+    )
+
+
 def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) -> list[Sought]:
     """What to seek, from the values of the vehicle or of the shipped SUV, within the quantities' bounds."""
     vehicle = vehicle_from("suv") if vehicle is None else vehicle

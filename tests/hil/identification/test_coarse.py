@@ -1,4 +1,4 @@
-"""Few rows lead the search to where all of them do."""
+"""Few rows, or pieces of the data that tell of the motion, lead the search to where all rows do."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from liftgate_hil.identification import fit
 from liftgate_hil.identification.coarse import coarse_of
 from liftgate_hil.identification.data import Data
 from liftgate_hil.identification.fit import fitted
+from liftgate_hil.identification.multiple_shooting import in_segments
 from liftgate_hil.identification.problem import Problem
+from liftgate_hil.identification.trajectory import REST
 from liftgate_plant.rows import AT
 from tests.hil.identification.simulated import NOISE, measured, sought, there_and_back, true_vehicle
+from tests.plant.runs import suv
 
 TRUTH = {"motor.resistance": 0.8, "motor.rotor_inertia": 1.47e-5, "spring.preload": 320.0}
 
@@ -76,3 +79,22 @@ def test_an_output_of_a_slower_raster_keeps_its_samples() -> None:
 def test_few_rows_stay_as_they_are() -> None:
     assert coarse_of(problem(run(rate=200.0))) is None
     assert coarse_of(problem(run(rate=1000.0))) is None  # 2000 steps
+
+
+@pytest.mark.parametrize(("released_at", "left_out"), [(0.0, 0.0), (1.0, 1.225)])
+def test_pieces_in_which_the_latch_holds_the_closed_gate_are_left_out(released_at: float, left_out: float) -> None:
+    times = np.arange(601) / 200.0
+    drive = (times, np.where(times < 1.0, 0.0, 12.0))
+    data = measured(
+        suv(),
+        "full",
+        {"left_position_rev": 0.0, "gate_angle_deg": 0.0},
+        drive=drive,
+        start=REST._replace(latched=1.0),
+        latch_released=np.where(times < released_at, 0.0, 1.0),
+    )
+    assert data.outputs["gate_angle_deg"][-1] > 5.0
+    cut = in_segments(Problem(suv(), "full", [], [data], [*data.outputs], 0.0))
+    assert cut is not None
+    # Pieces of 49 samples; the fifth begins at 0.98 s, while the latch still holds.
+    assert data.times[-1] - sum(np.ptp(each.times) for each in cut.data) == pytest.approx(left_out, abs=1e-9)

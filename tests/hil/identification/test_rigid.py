@@ -200,18 +200,11 @@ def errors(case: Run, order: str, step: float, skip: float = 0.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_third_order_model_solves_the_thesis_equations(name: str) -> None:
+@pytest.mark.parametrize("order", ["third-order", "second-order"])
+def test_the_rigid_models_solve_the_thesis_equations(order: str, name: str) -> None:
     # At 1 ms the step is 16 L/R; measured at worst 3.4e-4 A, 1.2e-3 rev/s and 1.1e-4 rev. The bar of the full
     # plant is 2 mA.
-    current_l, current_r, speed, position = errors(RUNS[name], "third-order", 1e-3, 0.01)
-    assert max(current_l, current_r) < 5e-4
-    assert speed < 2e-3
-    assert position < 2e-4
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_the_second_order_model_solves_the_thesis_equations(name: str) -> None:
-    current_l, current_r, speed, position = errors(RUNS[name], "second-order", 1e-3, 0.01)
+    current_l, current_r, speed, position = errors(RUNS[name], order, 1e-3, 0.01)
     assert max(current_l, current_r) < 5e-4
     assert speed < 2e-3
     assert position < 2e-4

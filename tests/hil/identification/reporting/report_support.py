@@ -175,3 +175,11 @@ def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
         experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
     return Validation("full", "suv", experiments, states(), notes=("close.csv: decimated",))
+
+
+def nothing():
+    """A result with nothing in it."""
+    return identification(
+        50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
+        notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),
+    )  # fmt: skip

@@ -11,9 +11,7 @@ from liftgate_hil.identification.reporting.html import identification_html, vali
 
 
 def shortened(result, outputs=0):
-    """The result with figures of all outputs for the first `outputs` experiments, of one output for the others:
-    a panel takes a tenth of a second.
-    """
+    """All outputs of the first `outputs` experiments, one of the others: a panel takes a tenth of a second."""
     first, others = result.experiments[:outputs], result.experiments[outputs:]
     return replace(result, experiments=(*first, *(replace(each, series=each.series[:1]) for each in others)))
 
@@ -72,11 +70,7 @@ def test_many_experiments_are_all_in_the_table_but_not_all_drawn(monkeypatch):
 
 
 def test_a_result_with_nothing_in_it_is_still_a_page(judged):
-    bare = report_support.identification(
-        50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
-        notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),
-    )  # fmt: skip
-    assert "svg" not in Page(identification_html(bare)).tags
+    assert "svg" not in Page(identification_html(report_support.nothing())).tags
     assert "0 experiments" in Page(validation_html(replace(judged, experiments=()))).text
 
 

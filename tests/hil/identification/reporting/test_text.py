@@ -53,12 +53,9 @@ def test_hostile_names_do_not_reach_the_terminal(hostile):
 
 
 def test_nothing_found_is_still_a_text():
-    bare = report_support.identification(
-        50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
-        notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),
-    )  # fmt: skip
-    assert "Criteria" in identification_text(bare)
-    assert "Attention" not in identification_text(bare)
+    text = identification_text(report_support.nothing())
+    assert "Criteria" in text
+    assert "Attention" not in text
 
 
 def test_wide_noise_matrices_are_broken_into_blocks(found):
