@@ -40,10 +40,7 @@ SECTIONS = (
 
 
 def test_the_whole_benchmark_runs_to_its_end(tmp_path: Path) -> None:
-    """Shortened, with all of its sections; cyclictest is a stand-in, as few machines have it.
-
-    Its own loops are compiled, which takes half a minute.
-    """
+    """With all of its sections and a stand-in for cyclictest; its own loops are compiled, which takes 30 s."""
     program = tmp_path / "cyclictest"
     program.write_text(CYCLICTEST)
     program.chmod(0o755)
