@@ -7,8 +7,10 @@ from pathlib import Path
 
 import can
 import numpy as np
+import pytest
 
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.read import read_measurement
@@ -24,6 +26,20 @@ def no_rig() -> Rig:
 
 def read(path: Path, *maps: str) -> Measurement:
     return read_measurement(path, parse_maps(maps), no_rig)
+
+
+def faults_of(path: Path, *maps: str) -> list[str]:
+    """What is said of a file that is no measurement, without its name."""
+    with pytest.raises(ConfigError) as caught:
+        read(path, *maps)
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
+
+
+def written(folder: Path, text: str | bytes) -> Path:
+    """A file of this content, called CSV."""
+    path = folder / "m.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
 
 
 def csv_text(columns: Mapping[str, Sequence[float] | np.ndarray], delimiter: str = ",") -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measurement_files import read
+from measurement_files import faults_of, read
 
 from liftgate_hil.errors import ConfigError
 
@@ -36,12 +36,6 @@ def write(path: Path, *groups: list[tuple[str, np.ndarray, np.ndarray, str]]) ->
 
 FINE = np.arange(100) * 0.001
 COARSE = np.arange(10) * 0.01
-
-
-def faults_of(path: Path, *maps: str) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        read(path, *maps)
-    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
 
 
 def test_rasters_join_and_inputs_are_held(tmp_path: Path) -> None:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hil_support import CLOSE, COAST, OPEN, both, command_frame, frames_of, loop_config, outside, start_of
 from measurement_files import read
 
+import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import empty_frames, logged
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.recording import AS_IT_IS
 from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.plan.setup import rig_from
 from liftgate_hil.signals import ON_TIME, columns_of
 
 
@@ -96,3 +102,12 @@ def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
     assert "left_position_rev" in columns["csv"]
     for name, values in columns["csv"].items():
         assert np.array_equal(values, columns["mf4"][name])
+
+
+def test_a_bus_that_is_not_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:
+    """Options of reading apply to tables that are read as measurements, too."""
+    path, rig = tmp_path / "run.mf4", rig_from("liftgate")
+    lh.run("demo", duration=0.1, record=path)
+    assert read_measurement(path, {}, rig, how=dataclasses.replace(AS_IT_IS, channel="can0"))
+    with pytest.raises(ConfigError, match=r"`recording_channel` can7: not in .*; allowed: can0"):
+        read_measurement(path, {}, rig, how=dataclasses.replace(AS_IT_IS, channel="can7"))
