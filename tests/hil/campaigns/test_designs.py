@@ -77,12 +77,8 @@ def test_what_a_precondition_depends_on_changes_slowest() -> None:
 
 def test_a_design_of_parameters_alone_has_the_last_one_changing_fastest() -> None:
     assert whole(design("rod=1,2", "angle=5,6")).tolist() == [[1.0, 5.0], [1.0, 6.0], [2.0, 5.0], [2.0, 6.0]]
-
-
-def test_without_a_vary_there_is_one_variant() -> None:
-    made = design()
-    assert made.count == 1
-    assert whole(made).shape == (1, 0)
+    assert design().count == 1  # without a vary there is one variant
+    assert whole(design()).shape == (1, 0)
 
 
 MIXED = ("rod=1,2,3", "supply.voltage=9,12", "angle~uniform(0,1)", "vehicle")

@@ -109,6 +109,8 @@ def test_a_manifest_without_a_request_of_this_version_is_refused(content: object
 
 
 def test_tables_are_one_file_in_their_order(folder: Folder) -> None:
+    assert folder.write_results([]) == 0
+    assert names_in(folder) == []
     assert folder.write_results([table_of("a", "b"), table_of("c"), table_of("d", "e")]) == 5
     assert pq.read_table(folder.path / RESULTS)["variant"].to_pylist() == ["a", "b", "c", "d", "e"]
     assert names_in(folder) == [RESULTS]
@@ -120,11 +122,6 @@ def test_many_small_tables_are_few_row_groups(folder: Folder) -> None:
     file = pq.ParquetFile(folder.path / RESULTS)
     assert file.num_row_groups == 3
     assert file.metadata.num_rows == 40_000
-
-
-def test_no_tables_are_no_file(folder: Folder) -> None:
-    assert folder.write_results([]) == 0
-    assert names_in(folder) == []
 
 
 @pytest.mark.parametrize(

@@ -340,9 +340,6 @@ def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(failed: int, cou
     assert float(low) == pytest.approx(100.0 * expected.low, rel=0.05)
     assert float(high) == pytest.approx(100.0 * expected.high, rel=0.05)
     assert "e" not in shown
-
-
-def test_the_interval_of_no_variants_is_unknown() -> None:
     assert interval(0, 0) == "unknown"
 
 
@@ -477,14 +474,9 @@ def test_a_probability_of_nothing_seen_is_told_as_a_bound() -> None:
 
 def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: Path) -> None:
     """A trouble code has no margin, and a comparison of states may fail with one of 0."""
-    path = write(
-        tmp_path / "results.parquet",
-        ["fail", "fail", "pass"],
-        {"rod": [1.0, 2.0, 3.0]},
-        {"code": [None, None, None], "state": [0.0, 0.0, 0.0]},
-        judged={"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]},
-        force=[5.0, 7.0, 6.0],
-    )
+    rod, margins = {"rod": [1.0, 2.0, 3.0]}, {"code": [None] * 3, "state": [0.0] * 3}
+    judged = {"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]}
+    path = write(tmp_path / "r", judged["state"], rod, margins, judged=judged, force=[5.0, 7.0, 6.0])
     found = summary_of(path, ["rod"], ["code", "state"])
     assert [(each.name, each.passed, each.failed, each.undecided) for each in found.expectations] == [
         ("code", 2, 1, 0),
@@ -497,17 +489,12 @@ def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: P
 
 
 def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:
-    paths = [
-        write(
-            tmp_path / f"{name}.parquet",
-            ["fail", "fail"],
-            {"rod": [1.0, 2.0]},
-            {"code": [None, None], "other": [-1.0, -1.0]},
-            judged={"code": ["pass", verdict], "other": ["fail", "fail"]},
-        )
-        for name, verdict in (("one", "pass"), ("two", "fail"))
-    ]
-    found = comparison_of(paths[0], paths[1], ["rod"], ["code", "other"], ("one", "two"))
+    rod, margins = {"rod": [1.0, 2.0]}, {"code": [None] * 2, "other": [-1.0] * 2}
+    verdicts = [{"code": ["pass", each], "other": ["fail"] * 2} for each in ("pass", "fail")]
+    one, two = (
+        write(tmp_path / str(k), ["fail"] * 2, rod, margins, judged=each) for k, each in enumerate(verdicts)
+    )
+    found = comparison_of(one, two, ["rod"], ["code", "other"], ("one", "two"))
     assert found.differing["rod"].to_pylist() == [2.0]
 
 

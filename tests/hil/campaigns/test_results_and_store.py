@@ -56,18 +56,15 @@ def assert_same(found: list[Row], expected: list[Row]) -> None:
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=False)
+COUNT = len(base().expectations)
 rows = st.builds(
     Row,
     st.sampled_from(VERDICTS),
-    st.lists(numbers, min_size=len(base().expectations), max_size=len(base().expectations)).map(tuple),
-    st.lists(numbers, min_size=len(Figures._fields), max_size=len(Figures._fields)).map(
-        lambda each: Figures(*each)
-    ),
+    st.tuples(*[numbers] * COUNT),
+    st.tuples(*[numbers] * len(Figures._fields)).map(Figures._make),
     numbers,
     st.text(st.characters(exclude_categories=["Cs"])),
-    st.lists(st.sampled_from(VERDICTS), min_size=len(base().expectations), max_size=len(base().expectations)).map(
-        tuple
-    ),
+    st.tuples(*[st.sampled_from(VERDICTS)] * COUNT),
 )
 
 
@@ -95,12 +92,7 @@ def test_a_table_has_the_columns_in_their_order() -> None:
     assert table.column_names == list(columns_of(base())) == list(description_of(base()))
 
 
-def test_a_table_of_errors_has_the_types_of_any_other() -> None:
-    errors = table_of(base(), np.zeros((2, 2)), [error_row(base(), "no result")] * 2)
-    assert errors.schema == table_with().schema
-
-
-def test_what_is_not_known_is_null() -> None:
+def test_what_is_not_known_is_null_in_columns_of_the_usual_types() -> None:
     table = table_of(base(), np.ones((2, 2)), [row_of(), error_row(base(), "it broke")])
     second = table.to_pylist()[1]
     assert second["error"] == "it broke"
@@ -108,6 +100,10 @@ def test_what_is_not_known_is_null() -> None:
     unknown = {name for name, each in second.items() if each is None}
     assert unknown == {*(f"margin.{each}" for each in base().expectations), *Figures._fields, "wall_s"}
     assert table["error"].to_pylist()[0] is None
+    np.testing.assert_array_equal(numbers_in(table, "peak_pinch_force_n"), [0.0, math.nan])
+    assert math.isnan(NO_FIGURES.peak_pinch_force_n)
+    errors = table_of(base(), np.zeros((2, 2)), [error_row(base(), "no result")] * 2)
+    assert errors.schema == table.schema == table_with().schema
 
 
 def test_variants_in_a_table_have_their_names_and_values() -> None:
@@ -116,12 +112,6 @@ def test_variants_in_a_table_have_their_names_and_values() -> None:
     assert table["variant"].to_pylist() == [base().variant(each) for each in values.tolist()]
     np.testing.assert_array_equal(numbers_in(table, "supply.voltage"), values[:, 0])
     np.testing.assert_array_equal(numbers_in(table, "gate.gravity_point[0]"), values[:, 1])
-
-
-def test_numbers_of_a_column_are_nan_where_it_has_none() -> None:
-    table = table_of(base(), np.ones((3, 2)), [row_of(), error_row(base(), "x"), row_of()])
-    np.testing.assert_array_equal(numbers_in(table, "peak_pinch_force_n"), [0.0, math.nan, 0.0])
-    assert math.isnan(NO_FIGURES.peak_pinch_force_n)
 
 
 @pytest.mark.parametrize("name", ["verdict", "error", "wall_s", "peak_current_a", "variant"])

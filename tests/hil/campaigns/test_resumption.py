@@ -120,16 +120,15 @@ def test_another_vehicle_is_told(folder: Folder, scenario: Path) -> None:
     assert ": vehicle" in refusal(folder, campaign_of(scenario, vehicle="compact"))
 
 
-def test_a_changed_file_is_told_by_what_it_is_for(folder: Folder, scenario: Path) -> None:
+def test_a_changed_file_is_told_by_what_it_is_for_and_so_is_an_included_one(
+    folder: Folder, scenario: Path
+) -> None:
     begun(folder, campaign_of(scenario))
-    scenario.write_text(scenario.read_text() + "# another content\n")
+    content = scenario.read_text()
+    scenario.write_text(content + "# another content\n")
     assert_differs(folder, campaign_of(scenario), "scenario")
-
-
-def test_a_changed_included_file_is_told(folder: Folder, scenario: Path) -> None:
-    begun(folder, campaign_of(scenario))
-    part = scenario.parent / "part.toml"
-    part.write_text(SHORT.replace("duration = 1.0", "duration = 1.5"))
+    scenario.write_text(content)
+    (scenario.parent / "part.toml").write_text(SHORT.replace("duration = 1.0", "duration = 1.5"))
     assert "not as the campaign began" in refusal(folder, campaign_of(scenario))
 
 

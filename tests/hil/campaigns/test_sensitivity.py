@@ -82,9 +82,9 @@ def test_values_without_an_effect_explain_nearly_nothing_on_average() -> None:
     assert np.mean(shares) < 0.02  # 24 classes without the correction for chance: 0.06
 
 
-def test_the_largest_index_comes_first() -> None:
+def test_the_largest_index_comes_first_and_a_value_that_does_not_vary_has_none() -> None:
     x = grid(4, 4, 4)
-    indices = first_order(named(x), x @ [1.0, 5.0, 2.0])
+    indices = first_order({"fixed": np.full(64, 7.0), **named(x)}, x @ [1.0, 5.0, 2.0])
     assert [each.name for each in indices] == ["x2", "x3", "x1"]
 
 
@@ -109,12 +109,6 @@ def test_few_results_have_no_indices() -> None:
     assert first_order({"x": np.append(x, 0.0)}, np.append(x, 0.0)) != []
 
 
-def test_a_value_that_does_not_vary_has_no_index() -> None:
-    x = grid(5, 6)
-    indices = first_order({"fixed": np.full(30, 7.0), **named(x)}, x @ [1.0, 2.0])
-    assert [each.name for each in indices] == ["x2", "x1"]
-
-
 def test_an_index_tells_between_which_means_and_where_they_are_highest() -> None:
     x = grid(3, 10)
     y = np.array([5.0, 20.0, 10.0])[x[:, 0].astype(int)]
@@ -122,17 +116,15 @@ def test_an_index_tells_between_which_means_and_where_they_are_highest() -> None
     assert (index.low_mean, index.high_mean, index.at_high) == (5.0, 20.0, 100.0)
 
 
-def test_few_distinct_values_are_classes_of_their_own() -> None:
-    values = np.array([3.0, 1.0, 3.0, 2.0])
-    classes = classes_of(values)
-    assert classes is not None
-    assert classes.tolist() == [2.0, 0.0, 2.0, 1.0]
-
-
-def test_many_distinct_values_are_divided_into_classes_of_equal_size_with_enough_members() -> None:
+def test_few_distinct_values_are_classes_of_their_own_and_many_are_divided_into_equal_ones() -> None:
     generator = np.random.default_rng(1)
-    many, few = (classes_of(each) for each in (generator.lognormal(0.0, 3.0, 2400), generator.random(50)))
+    own, many, few = (
+        classes_of(each)
+        for each in (np.array([3.0, 1.0, 3.0, 2.0]), generator.lognormal(0.0, 3.0, 2400), generator.random(50))
+    )
+    assert own is not None
+    assert own.tolist() == [2.0, 0.0, 2.0, 1.0]
     assert many is not None
     assert np.unique(many, return_counts=True)[1].tolist() == [100] * 24
     assert few is not None
-    assert np.unique(few, return_counts=True)[1].min() >= 8
+    assert np.unique(few, return_counts=True)[1].min() >= 8  # enough members

@@ -17,7 +17,7 @@ import distributed
 import numpy as np
 import pyarrow as pa
 import pytest
-from campaign_support import VALUES, campaign_in, evaluated, rows_of
+from campaign_support import VALUES, campaign_in, evaluated, evaluated_in
 from dask_processes import PATIENCE, DaskProcesses
 
 from liftgate_hil.campaigns.base import Base
@@ -70,8 +70,7 @@ def rows_beside(
     act: Callable[[], object], base: Base, cluster: DaskProcesses, folder: Path
 ) -> tuple[pa.Table, CampaignProgress]:
     """The rows of all variants, evaluated while something else is done once, after the first batch."""
-    executor = Cluster(base, cluster.address)
-    campaign = campaign_in(folder, base, executor)
+    campaign = campaign_in(folder, base, Cluster(base, cluster.address))
     left = [act]
 
     def tell(progress: CampaignProgress) -> None:
@@ -79,12 +78,7 @@ def rows_beside(
             left.pop()()
 
     campaign.tell = tell
-    batches = batches_of(base, VALUES, 2)
-    try:
-        campaign.evaluate(batches)
-        return rows_of(campaign, batches), campaign.progress
-    finally:
-        executor.close()
+    return evaluated_in(campaign, size=2), campaign.progress
 
 
 def test_a_client_that_ends_leaves_the_others_their_slots(
