@@ -9,11 +9,10 @@ import pytest
 
 from liftgate_hil.identification.design import Candidate, candidates, noise_of, plan, prbs
 from tests.hil.identification.many_seeds import counted
-from tests.hil.identification.simulated import TRUTH, estimated, measured, sought
+from tests.hil.identification.simulated import NOISE, TRUTH, estimated, measured, sought
 from tests.plant.runs import suv
 
-OUTPUTS = ["left_current_a", "left_speed_rps", "gate_angle_deg"]
-NOISE = {"left_current_a": 0.05, "left_speed_rps": 0.5, "gate_angle_deg": 0.1}
+OUTPUTS = [*NOISE]
 
 
 def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:

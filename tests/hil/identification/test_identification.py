@@ -29,6 +29,7 @@ from tests.hil.identification.simulated import (
     sought,
     there_and_back,
     true_vehicle,
+    with_outputs,
 )
 from tests.plant.runs import suv
 
@@ -101,9 +102,8 @@ def test_a_known_delay_is_taken_as_it_is() -> None:
 
 def test_the_zero_of_a_position_counter_is_recovered(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1, noise={**NOISE, "left_position_rev": 0.1})
-    moved = dict(data.outputs)
-    moved["left_position_rev"] = moved["left_position_rev"] - 500.0
-    result = estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=moved)])
+    moved = with_outputs(data, left_position_rev=data.outputs["left_position_rev"] - 500.0)
+    result = estimated(vehicle, "third-order", [*TRUTH], [moved])
     (offset,) = result.initial_states
     assert (offset.name, offset.unit) == ("run: left_offset", "rev")
     assert abs(offset.value + 500.0) < 3.0 * offset.std < 0.2
@@ -289,27 +289,20 @@ def linear(names: list[str], seed: int) -> Problem:
     return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
 
 
+@pytest.mark.parametrize("given_std", [np.array([0.5]), None])
 @pytest.mark.parametrize("names", [["sensors.current_offset"], ["sensors.current_offset", "sensors.current_gain"]])
-def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str]) -> None:
-    result = fitted(linear(names, 1), given_std=np.array([0.5]), profiles=[names[0]])
+def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str], given_std: np.ndarray | None) -> None:
+    result = fitted(linear(names, 1), given_std=given_std, profiles=[names[0]])
     (profile,) = result.profiles
     estimate = result.parameters[0]
-    parabola = ((profile.values - estimate.value) / estimate.std) ** 2
+    expected, close, closer = ((profile.values - estimate.value) / estimate.std) ** 2, 1e-3, 1e-6
+    if given_std is None:  # N log(1 + z²/N) instead of z²
+        count = len(result.experiments[0].series[0].times)
+        expected, close, closer = count * np.log1p(expected / count), 0.02, 1e-4
     assert len(profile.values) == 13
-    assert profile.deviance == pytest.approx(parabola, abs=1e-6)
+    assert profile.deviance == pytest.approx(expected, abs=closer)
     interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
-    assert [profile.low, profile.high] == pytest.approx(interval, abs=1e-3 * estimate.std)
-
-
-def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
-    names = ["sensors.current_offset", "sensors.current_gain"]
-    result = fitted(linear(names, 1), profiles=names[:1])
-    (profile,) = result.profiles
-    estimate = result.parameters[0]
-    count = len(result.experiments[0].series[0].times)
-    # N log(1 + z²/N) instead of z².
-    expected = count * np.log1p(((profile.values - estimate.value) / estimate.std) ** 2 / count)
-    assert profile.deviance == pytest.approx(expected, abs=1e-4)
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=close * estimate.std)
 
 
 def test_the_profile_of_correlated_residuals_agrees_with_their_standard_deviation() -> None:
@@ -400,8 +393,7 @@ def test_a_validation_changes_no_parameter(vehicle: Vehicle) -> None:
 
 def test_a_validation_estimates_how_the_measurement_began(vehicle: Vehicle) -> None:
     data = later(measured(vehicle, seed=1), 0.5)
-    outputs = {**data.outputs}
-    result = validated(Problem(vehicle, "third-order", [], [data], list(outputs)))
+    result = validated(Problem(vehicle, "third-order", [], [data], list(data.outputs)))
     for series in result.experiments[0].series:
         assert series.rms == pytest.approx(NOISE[series.output], rel=0.15)
 
@@ -452,13 +444,10 @@ def test_an_output_with_a_single_edge_is_left_out() -> None:
 
 def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None:
     data = delayed(0.03, 6)
-    outputs = dict(data.outputs)
     speed = np.full(len(data.times), np.nan)
-    speed[-8:] = outputs["left_speed_rps"][-8:]
-    late = dataclasses.replace(data, outputs={**outputs, "left_speed_rps": speed})
-    problem = Problem(
-        true_vehicle(), "third-order", sought(["motor.resistance"]), [late], [*outputs], 20.0, is_delay_sought=True
-    )
+    speed[-8:] = data.outputs["left_speed_rps"][-8:]
+    late, names = with_outputs(data, left_speed_rps=speed), sought(["motor.resistance"])
+    problem = Problem(true_vehicle(), "third-order", names, [late], [*data.outputs], 20.0, is_delay_sought=True)
     assert "left_speed_rps" not in fitted(problem).outputs
 
 
@@ -470,8 +459,8 @@ def test_data_without_noise_are_told_as_such(vehicle: Vehicle) -> None:
 
 def test_an_output_of_another_scale_that_others_outweigh_is_told(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
-    outputs = {**data.outputs, "left_speed_rps": 1.6 * data.outputs["left_speed_rps"]}
-    result = estimated(vehicle, "third-order", ["motor.resistance"], [dataclasses.replace(data, outputs=outputs)])
+    scaled = with_outputs(data, left_speed_rps=1.6 * data.outputs["left_speed_rps"])
+    result = estimated(vehicle, "third-order", ["motor.resistance"], [scaled])
     found = [each for each in warnings_of(result) if "times the simulation: is its scale right?" in each]
     assert len(found) == 1
     assert found[0].startswith("run: left_speed_rps is 1.6")

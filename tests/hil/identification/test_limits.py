@@ -65,16 +65,10 @@ def test_a_step_is_the_least_within_bounds_and_half_spaces(seed: int) -> None:
 def test_a_step_follows_a_curved_limit() -> None:
     """From within a circle to the point of it that is nearest to what lies outside."""
     goal, radius = np.array([3.0, 1.0]), 0.8
-    x = np.zeros(2)
+    x, far = np.zeros(2), np.full(2, 9.0)
     for _ in range(8):
-        x = x + step_within_limits(
-            np.eye(2),
-            goal - x,
-            np.full(2, -9.0),
-            np.full(2, 9.0),
-            np.ones(2),
-            lambda step, x=x: bool(np.linalg.norm(x + step) <= radius),
-        )
+        is_inside = lambda step, x=x: bool(np.linalg.norm(x + step) <= radius)  # noqa: E731
+        x = x + step_within_limits(np.eye(2), goal - x, -far, far, np.ones(2), is_inside)
     assert x == pytest.approx(radius * goal / np.linalg.norm(goal), abs=1e-3)
     assert np.linalg.norm(x) <= radius
 
