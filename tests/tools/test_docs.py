@@ -17,6 +17,7 @@ from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.messages import MessageTable, StateMachineTable, message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.toml import read_toml
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.plan.setup import rig_of, setup_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -156,9 +157,6 @@ def test_the_defaults_of_a_message_are_those_documented(tmp_path: Path) -> None:
 
 def _options(path: Path) -> object:
     """Of its messages, whether or not the rig is whole."""
-    from liftgate_hil.config.toml import read_toml
-    from liftgate_hil.errors import ConfigIssues
-
     messages = load_rig(DOCS.parent / "configs/rigs/liftgate.toml").messages
     issues = ConfigIssues(str(path))
     found = message_options(issues, read_toml(path)["messages"], messages)

@@ -17,10 +17,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE, no_logged
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.rig_table import mapped_messages
+from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.open import open_file, open_recording
 from liftgate_hil.formats.recording import ReadOptions, Recording, read_options
+from liftgate_hil.testing.rejudge import judge
 
 
 class Read(NamedTuple):
@@ -33,18 +37,12 @@ class Read(NamedTuple):
 
 
 def frames_in(log: Recording) -> list[Read]:
-    rows = np.concatenate([no_logged(), *log.frames()])
-    return [
-        Read(
-            round(row["time_ns"] / 1e9, 6),
-            int(row["identifier"]),
-            bytes(row["payload"][: row["length"]]).hex()
-            if not row["identifier"] & REMOTE
-            else f"R{row['length']}",
-            bool(row["is_sent"]),
-        )
-        for row in rows
-    ]
+    found = []
+    for row in np.concatenate([no_logged(), *log.frames()]):
+        is_remote = row["identifier"] & REMOTE
+        payload = f"R{row['length']}" if is_remote else bytes(row["payload"][: row["length"]]).hex()
+        found.append(Read(round(row["time_ns"] / 1e9, 6), int(row["identifier"]), payload, bool(row["is_sent"])))
+    return found
 
 
 def written(path: Path, *lines: str, end: str = "\n") -> Path:
@@ -309,8 +307,6 @@ def test_a_date_that_is_not_understood_is_noted_and_not_1970(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc"])
 def test_what_we_write_has_local_time_and_is_read_so(tmp_path: Path, zone: Any, suffix: str) -> None:
-    from liftgate_hil.conversion.convert import convert
-
     zone("America/New_York")
     source = written(tmp_path / "m.log", "(1759122000.123000) can0 120#00")
     convert(source, tmp_path / f"m{suffix}")
@@ -502,8 +498,6 @@ def test_logs_of_other_tools_under_the_ending_of_a_table_are_named(
 
 
 def test_logs_that_are_whole_hours_apart_are_refused(tmp_path: Path, zone: Any) -> None:
-    from liftgate_hil.testing.rejudge import judge
-
     zone("Asia/Shanghai")
     scenario = tmp_path / "s.toml"
     scenario.write_text('duration = 0.5\n[[expect]]\nname = "x"\nalways = "Gate.Angle < 90"\n', encoding="utf-8")
@@ -521,9 +515,6 @@ def test_logs_that_are_whole_hours_apart_are_refused(tmp_path: Path, zone: Any) 
 def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
     tmp_path: Path, attribute: str, own: str, expected: bool
 ) -> None:
-    from liftgate_hil.config.rig import load_rig
-    from liftgate_hil.config.rig_table import mapped_messages
-
     (tmp_path / "fd.dbc").write_text(
         'VERSION ""\nBS_:\nBU_: ECU Gate\n'
         'BO_ 832 Cmd: 8 ECU\n SG_ Duty : 0|8@1- (1,0) [-100|100] "%" Gate\n'

@@ -16,6 +16,7 @@ from liftgate_hil.formats.open import open_file, open_recording
 DBC = Path(__file__).parents[3] / "dbc" / "liftgate.dbc"
 
 asammdf = pytest.importorskip("asammdf")
+from_dict = pytest.importorskip("asammdf.blocks.conversion_utils").from_dict
 
 TIMES = np.arange(6) * 0.01
 LINEAR = {"a": 0.01, "b": 0.0}
@@ -24,8 +25,6 @@ DATA = "CAN_DataFrame.DataBytes"
 
 
 def channel(name: str, raw: Any, conversion: dict[str, Any] | None = None, unit: str = "deg", **how: Any) -> Any:
-    from asammdf.blocks.conversion_utils import from_dict
-
     made = None if conversion is None else from_dict(dict(conversion))
     return asammdf.Signal(np.asarray(raw), TIMES, name=name, unit=unit, conversion=made, **how)
 
@@ -39,8 +38,6 @@ def saved(path: Path, *groups: list[Any]) -> Path:
 
 
 def default(conversion: dict[str, Any]) -> dict[str, Any]:
-    from asammdf.blocks.conversion_utils import from_dict
-
     return {"default_addr": from_dict(dict(conversion))}
 
 
@@ -207,8 +204,6 @@ def test_times_in_another_unit_than_seconds_are_refused(tmp_path: Path) -> None:
 
 def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conversions(tmp_path: Path) -> None:
     """As a CANedge writes a group for each bus, direction and kind of identifier, and stores an index there."""
-    from asammdf.blocks.conversion_utils import from_dict
-
     path, index = tmp_path / "m.mf4", np.arange(6)
     lengths = np.array([0, 1, 8, 9, 10, 15], "u1")
     stored = {

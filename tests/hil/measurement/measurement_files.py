@@ -58,14 +58,6 @@ def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
     """A log by python-can's own writer for the suffix."""
     with can.Logger(path) as writer:
         for time, identifier, payload in frames:
-            writer.on_message_received(
-                can.Message(
-                    timestamp=EPOCH + time,
-                    arbitration_id=identifier,
-                    is_extended_id=identifier > 0x7FF,
-                    is_fd=is_fd,
-                    data=payload,
-                    channel="can0",
-                )
-            )
+            kind = {"is_extended_id": identifier > 0x7FF, "is_fd": is_fd, "channel": "can0"}
+            writer.on_message_received(can.Message(EPOCH + time, identifier, data=payload, **kind))
     return path

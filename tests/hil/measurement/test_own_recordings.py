@@ -87,7 +87,7 @@ def test_a_bus_log_of_the_same_run_says_the_same(tmp_path: Path, rig: Rig, fast_
 
 def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
     columns = {}
-    for suffix in ("csv", "mf4"):
+    for suffix in ("csv", "mf4", "mcap"):
         target = tmp_path / f"out.{suffix}"
         source = tmp_path / "in.csv"
         source.write_text("time_s,voltage_v\n0,0\n0.01,6\n0.05,-3\n")
@@ -98,10 +98,11 @@ def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
         assert np.array_equal(m.columns["left_voltage_v"], held)
         assert m.notes == ()
         columns[suffix] = m.columns
-    assert list(columns["csv"]) == list(columns["mf4"])
     assert "left_position_rev" in columns["csv"]
-    for name, values in columns["csv"].items():
-        assert np.array_equal(values, columns["mf4"][name])
+    for suffix in ("mf4", "mcap"):
+        assert list(columns["csv"]) == list(columns[suffix])
+        for name, values in columns["csv"].items():
+            assert np.array_equal(values, columns[suffix][name])
 
 
 def test_a_bus_that_is_not_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:
