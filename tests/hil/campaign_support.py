@@ -85,10 +85,14 @@ def rows_of(campaign: Campaign, batches: list[Batch]) -> pa.Table:
 
 def evaluated(folder: Path, base: Base, executor: Executor, values: Floats = VALUES, size: int = 5) -> pa.Table:
     """Return the rows of variants that an executor has evaluated, and close it; see `rows_of`."""
-    campaign = campaign_in(folder, base, executor)
-    batches = batches_of(base, values, size)
+    return evaluated_in(campaign_in(folder, base, executor), values, size)
+
+
+def evaluated_in(campaign: Campaign, values: Floats = VALUES, size: int = 5) -> pa.Table:
+    """Return the rows of variants that a campaign has evaluated, and close its executor."""
+    batches = batches_of(campaign.base, values, size)
     try:
         campaign.evaluate(batches)
         return rows_of(campaign, batches)
     finally:
-        executor.close()
+        campaign.executor.close()

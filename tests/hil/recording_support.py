@@ -13,6 +13,8 @@ from hil_support import frames_of
 
 from liftgate_hil.codec.frames import EXTENDED, logged
 from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.guarded import GuardedWriter
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.signals import COLUMNS, columns_of
 
 EPOCH_NS = 1_700_000_000 * 10**9
@@ -31,6 +33,28 @@ def rows_from(first: int, count: int) -> np.ndarray:
 def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = True) -> Any:
     """Frames as they are logged."""
     return logged(frames_of(rows), round(seconds * 1e9), is_sent)
+
+
+def started(path: Path, **how: Any) -> GuardedWriter:
+    """A recording that has begun, with three rows and a frame."""
+    recorder = open_writer(path, BOTH, **how)
+    recorder.begin(0)
+    recorder.write_rows(rows_from(0, 3))
+    recorder.write_frames(sent([(0x120, b"a")]))
+    return recorder
+
+
+def recorded_rows(path: Path, *blocks: np.ndarray, content: Content = BOTH, epoch_ns: int = 0) -> Path:
+    """A recording of these blocks of rows."""
+    recorder = open_writer(path, content)
+    recorder.begin(epoch_ns)
+    for block in blocks:
+        recorder.write_rows(block)
+        recorder.flush()
+    recorder.close()
+    assert recorder.failure == ""
+    assert recorder.files == [str(path)]
+    return path
 
 
 def told_in(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:

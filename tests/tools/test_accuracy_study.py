@@ -52,14 +52,8 @@ def test_all_options_are_among_the_cases() -> None:
 
 
 def test_the_page_counts_what_meets_the_bars_and_tells_what_does_not() -> None:
-    page = page_of(
-        [
-            Errors(0, 0.1, 1e-4, 0.0),
-            Errors(1, CURRENT_BAR, 1e-4, 0.0),
-            Errors(2, 0.1, ANGLE_BAR, 0.0),
-            Errors(3, math.nan, math.nan, math.nan, "the reference gave up"),
-        ]
-    )
+    found = [Errors(0, 0.1, 1e-4, 0.0), Errors(1, CURRENT_BAR, 1e-4, 0.0), Errors(2, 0.1, ANGLE_BAR, 0.0)]
+    page = page_of([*found, Errors(3, math.nan, math.nan, math.nan, "the reference gave up")])
     assert "**1 of 3**" in page
     assert "| 1 | 2.000 | 0.00010 |" in page
     assert "| 2 | 0.100 | 0.00200 |" in page

@@ -40,21 +40,14 @@ SECTIONS = (
 
 
 def test_the_whole_benchmark_runs_to_its_end(tmp_path: Path) -> None:
-    """Shortened, with all of its sections; cyclictest is a stand-in, as few machines have it.
-
-    Its own loops are compiled, which takes half a minute.
-    """
+    """With all of its sections and a stand-in for cyclictest; its own loops are compiled, which takes 30 s."""
     program = tmp_path / "cyclictest"
     program.write_text(CYCLICTEST)
     program.chmod(0o755)
+    command = [sys.executable, "-m", "tools.benchmark", "--short", "--output", str(tmp_path)]
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
     done = subprocess.run(
-        [sys.executable, "-m", "tools.benchmark", "--short", "--output", str(tmp_path)],
-        cwd=HERE,
-        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=1200,
+        command, cwd=HERE, env=environment, capture_output=True, text=True, check=False, timeout=1200
     )
     assert done.returncode == 0, done.stderr
     page = (tmp_path / "benchmark.md").read_text(encoding="utf-8")

@@ -6,6 +6,8 @@ import ctypes
 import functools
 import math
 import shutil
+import textwrap
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -198,164 +200,56 @@ def power(x: float) -> float:
     return x**2
 
 
-def comprehension(x: float) -> float:
-    return sum([x])
-
-
-def unknown_call(x: float) -> float:
-    return math.gamma(x)
-
-
-def truth_of_a_number(x: float) -> float:
-    return 1.0 if x else 0.0
-
-
-def assigned_parameter(pair: Pair) -> Pair:
-    pair = Pair(1.0, 2.0)
-    return pair
-
-
-def two_types(x: float) -> float:
-    y = 1
-    y = x
-    return y
-
-
-def after_the_loop(x: float) -> float:
-    for i in range(3):
-        x += i
-    return x + i
-
-
-def no_annotation(x) -> float:
-    return x
-
-
-def recursive(x: float) -> float:
-    return recursive(x)
-
-
 def calls(x: float) -> float:
     return power(x)
 
 
-def mixed(x: float) -> float:
-    try:
-        x = 1.0
-    finally:
-        x = 2.0
-    return x
-
-
-def text(x: float) -> float:
-    name = "x"
-    return name
-
-
-def endless(x: float) -> float:
-    while x < 1.0:
-        x += 1.0
-    return x
-
-
-def skipping(x: float) -> float:
-    for _ in range(3):
-        continue
-    return x
-
-
-def annotated(x: float) -> float:
-    y: float = x
-    return y
-
-
-def member_of_a_set(x: float) -> bool:
-    return x in {1.0, 2.0}
-
-
-def element(pair: Pair) -> float:
-    return pair[0]
-
-
-def replaced(pair: Pair) -> Pair:
-    return pair._replace(second=0.0)
-
-
-def by_keyword(x: float) -> Pair:
-    return Pair(second=x, first=x)
-
-
-def too_few(x: float) -> Pair:
-    return Pair(x)  # type: ignore[call-arg]
-
-
-def default(x: float = 0.0) -> float:
-    return x
-
-
-def grown_member(pair: Pair) -> Pair:
-    pair.first += 1.0  # type: ignore[misc]
-    return pair
-
-
-def conversion(x: float) -> float:
-    return float(x)
-
-
-def ratio_of_ints(n: int) -> float:
-    return n / 2
-
-
-def maximum_of_three(x: float) -> float:
-    return max(x, 1.0, 2.0)
-
-
-def nameless_argument(x: float) -> tuple[float, float]:
-    return swapped(Pair(x, x))
-
-
-def infinite(x: float) -> float:
-    return x + math.inf
-
-
 @pytest.mark.parametrize(
-    ("function", "reason"),
+    ("signature", "body", "reason"),
     [
-        (power, r"BinOp `x \*\* 2`"),
-        (comprehension, r"Call `sum\(\[x\]\)`"),
-        (unknown_call, r"Call `math.gamma\(x\)`"),
-        (truth_of_a_number, "`x` is no bool"),
-        (assigned_parameter, "a struct parameter that is assigned: pair"),
-        (two_types, "float.* where .*int.* is needed"),
-        (after_the_loop, "i has no value here"),
-        (no_annotation, "parameter x without annotation"),
-        (recursive, "a recursive call of recursive"),
-        (calls, r"BinOp `x \*\* 2`"),
-        (mixed, "Try"),
-        (text, "a constant of type str"),
-        (endless, "While"),
-        (skipping, "Continue"),
-        (annotated, "AnnAssign"),
-        (member_of_a_set, r"Compare `x in \{1.0, 2.0\}`"),
-        (element, r"Subscript `pair\[0\]`"),
-        (replaced, r"Call `pair._replace\(second=0.0\)`"),
-        (by_keyword, r"Call `Pair\(second=x, first=x\)`"),
-        (too_few, "1 values where 2 are needed"),
-        (default, "parameters other than plain ones"),
-        (grown_member, r"AugAssign `pair.first \+= 1.0`"),
-        (conversion, r"Call `float\(x\)`"),
-        (ratio_of_ints, "arithmetic of two ints: `n / 2`"),
-        (maximum_of_three, r"Call `max\(x, 1.0, 2.0\)`"),
-        (nameless_argument, "a struct without a name as an argument"),
-        (infinite, "a constant of type float: inf"),
+        ("(x: float) -> float", "return sum([x])", r"Call `sum\(\[x\]\)`"),
+        ("(x: float) -> float", "return math.gamma(x)", r"Call `math.gamma\(x\)`"),
+        ("(x: float) -> float", "return 1.0 if x else 0.0", "`x` is no bool"),
+        ("(pair: Pair) -> Pair", "pair = Pair(1.0, 2.0)\nreturn pair", "struct parameter that is assigned: pair"),
+        ("(x: float) -> float", "y = 1\ny = x\nreturn y", "float.* where .*int.* is needed"),
+        ("(x: float) -> float", "for i in range(3):\n    x += i\nreturn x + i", "i has no value here"),
+        ("(x) -> float", "return x", "parameter x without annotation"),
+        ("(x: float) -> float", "return refused(x)", "a recursive call of refused"),
+        ("(x: float) -> float", "try:\n    x = 1.0\nfinally:\n    x = 2.0\nreturn x", "Try"),
+        ("(x: float) -> float", "name = 'x'\nreturn name", "a constant of type str"),
+        ("(x: float) -> float", "while x < 1.0:\n    x += 1.0\nreturn x", "While"),
+        ("(x: float) -> float", "for _ in range(3):\n    continue\nreturn x", "Continue"),
+        ("(x: float) -> float", "y: float = x\nreturn y", "AnnAssign"),
+        ("(x: float) -> bool", "return x in {1.0, 2.0}", r"Compare `x in \{1.0, 2.0\}`"),
+        ("(pair: Pair) -> float", "return pair[0]", r"Subscript `pair\[0\]`"),
+        ("(pair: Pair) -> Pair", "return pair._replace(second=0.0)", r"Call `pair._replace\(second=0.0\)`"),
+        ("(x: float) -> Pair", "return Pair(second=x, first=x)", r"Call `Pair\(second=x, first=x\)`"),
+        ("(x: float) -> Pair", "return Pair(x)", "1 values where 2 are needed"),
+        ("(x: float = 0.0) -> float", "return x", "parameters other than plain ones"),
+        ("(pair: Pair) -> Pair", "pair.first += 1.0\nreturn pair", r"AugAssign `pair.first \+= 1.0`"),
+        ("(x: float) -> float", "return float(x)", r"Call `float\(x\)`"),
+        ("(n: int) -> float", "return n / 2", "arithmetic of two ints: `n / 2`"),
+        ("(x: float) -> float", "return max(x, 1.0, 2.0)", r"Call `max\(x, 1.0, 2.0\)`"),
+        (
+            "(x: float) -> tuple[float, float]",
+            "return swapped(Pair(x, x))",
+            "a struct without a name as an argument",
+        ),
+        ("(x: float) -> float", "return x + math.inf", "a constant of type float: inf"),
     ],
 )
-def test_what_is_not_in_the_subset_is_refused_with_its_place(function, reason: str) -> None:
-    with pytest.raises(NotInSubsetError, match=rf"test_c_translator.py:\d+: .*{reason}"):
-        translate(function)
+def test_what_is_not_in_the_subset_is_refused_with_its_place(
+    tmp_path: Path, signature: str, body: str, reason: str
+) -> None:
+    path, scope = tmp_path / "theirs.py", {"__name__": "theirs", "Pair": Pair, "swapped": swapped, "math": math}
+    path.write_text(f"def refused{signature}:\n{textwrap.indent(body, '    ')}\n")
+    exec(compile(path.read_text(), path, "exec"), scope)
+    with pytest.raises(NotInSubsetError, match=rf"theirs.py:\d+: .*{reason}"):
+        translate(scope["refused"])
 
 
-def test_the_place_is_the_line() -> None:
+def test_the_place_is_the_line_also_where_it_is_called() -> None:
     line = power.__code__.co_firstlineno + 1
-    with pytest.raises(NotInSubsetError, match=f"test_c_translator.py:{line}: "):
-        translate(calls)
+    for function in (power, calls):
+        with pytest.raises(NotInSubsetError, match=rf"test_c_translator.py:{line}: .*BinOp `x \*\* 2`"):
+            translate(function)

@@ -17,6 +17,7 @@ from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.messages import MessageTable, StateMachineTable, message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.toml import read_toml
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.plan.setup import rig_of, setup_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -46,28 +47,32 @@ def lines(record: type, *names: str) -> str:
     )
 
 
-def test_the_defaults_of_an_obstacle_are_those_documented(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.toml"
-    tables = []
-    told = lines(scenario_schema.ObstacleTable)
-    for more in ("", told):
-        path.write_text(f"[[obstacle]]\nangle_deg = 30\n{more}")
-        tables.append(load_scenario(path).stimuli.obstacles)
-    for name in ("start", "delay_s", "distance", "stiffness", "damping", "gap", "lateral", "meets"):
+@pytest.mark.parametrize(
+    ("record", "table", "names"),
+    [
+        (
+            scenario_schema.ObstacleTable,
+            "[[obstacle]]\nangle_deg = 30",
+            ("start", "delay_s", "distance", "stiffness", "damping", "gap", "lateral", "meets"),
+        ),
+        (
+            scenario_schema.FaultTable,
+            '[[fault]]\nkind = "motor_open"\nperiod_s = 1',
+            ("start", "delay_s", "share", "seed"),
+        ),
+    ],
+)
+def test_the_defaults_of_a_table_are_those_documented(
+    tmp_path: Path, record: type, table: str, names: tuple[str, ...]
+) -> None:
+    path, told, found = tmp_path / "scenario.toml", lines(record), []
+    for name in names:
         assert f"{name} = " in told, name
-    assert tables[0] == tables[1]
-
-
-def test_the_defaults_of_a_fault_are_those_documented(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.toml"
-    told = lines(scenario_schema.FaultTable)
-    for name in ("start", "delay_s", "share", "seed"):
-        assert f"{name} = " in told, name
-    faults = []
     for more in ("", told):
-        path.write_text(f'[[fault]]\nkind = "motor_open"\nperiod_s = 1\n{more}')
-        faults.append(load_scenario(path).faults)
-    assert faults[0] == faults[1]
+        path.write_text(f"{table}\n{more}")
+        scenario = load_scenario(path)
+        found.append((scenario.stimuli.obstacles, scenario.faults))
+    assert found[0] == found[1]
 
 
 def test_the_files_that_a_scenario_names_by_default_are_those_documented() -> None:
@@ -152,9 +157,6 @@ def test_the_defaults_of_a_message_are_those_documented(tmp_path: Path) -> None:
 
 def _options(path: Path) -> object:
     """Of its messages, whether or not the rig is whole."""
-    from liftgate_hil.config.toml import read_toml
-    from liftgate_hil.errors import ConfigIssues
-
     messages = load_rig(DOCS.parent / "configs/rigs/liftgate.toml").messages
     issues = ConfigIssues(str(path))
     found = message_options(issues, read_toml(path)["messages"], messages)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from liftgate_hil.testing import mutation, scenario_files
 from tools.anti_trap import page as anti_trap_page
 from tools.anti_trap import picture as anti_trap_picture
 from tools.anti_trap import study as anti_trap_study
@@ -21,6 +22,8 @@ from tools.docs import PAGES
 from tools.docs import __main__ as docs
 from tools.identification import __main__ as identification
 from tools.identification import dc_motor, versus
+from tools.pack import page as pack_page
+from tools.pack.__main__ import main as pack
 from tools.scheduling import page as scheduling_page
 from tools.scheduling.__main__ import main as scheduling
 from tools.scheduling.model import Case
@@ -231,13 +234,10 @@ def test_the_pack_in_real_time_runs_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The pack is one scenario of 1 s here."""
-    from liftgate_hil.testing import scenario_files
-    from tools.pack.__main__ import main
-
     path = tmp_path / "rests.toml"
     path.write_text('duration = 1.0\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     monkeypatch.setattr(scenario_files, "scenario_files", lambda _: [path])
-    assert main(["--realtime", "rests"]) == 0
+    assert pack(["--realtime", "rests"]) == 0
     told = capsys.readouterr().out
     assert told.count("realtime: ") == 2
     assert "Beside two busy processes: " in told
@@ -245,17 +245,13 @@ def test_the_pack_in_real_time_runs_to_its_end(
 
 def test_the_pack_s_page_is_made_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one scenario and two of the mutants."""
-    from liftgate_hil.testing import mutation, scenario_files
-    from tools.pack import page
-    from tools.pack.__main__ import main
-
     files = scenario_files.scenario_files(["pack"])
     chosen = [each for each in files if each.stem == "motor_short"]
     few = dict(list(mutation.MUTANTS.items())[:2])
     monkeypatch.setattr(scenario_files, "scenario_files", lambda _: chosen)
-    for module in (mutation, page):
+    for module in (mutation, pack_page):
         monkeypatch.setattr(module, "MUTANTS", few)
-    assert main(["--output", str(tmp_path)]) == 0
+    assert pack(["--output", str(tmp_path)]) == 0
     text = (tmp_path / "pack.md").read_text(encoding="utf-8")
     assert "| `motor_short` | pass |" in text
     assert "of 2 are found" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from pathlib import Path
 
@@ -105,8 +106,6 @@ def test_an_encoders_speed_is_read_as_the_counts_that_it_was(tmp_path: Path, mon
     source = tmp_path / "DCmotor_step_open_exp.csv"
     speed = 63 / 2800 / 0.02 * 360.0  # 63 counts in 20 ms
     source.write_text(f"t,u,y\n0,1,{speed:.4f}\n0.02,1.5,{speed:.4f}\n")
-    import hashlib
-
     monkeypatch.setitem(dc_motor.FILES, source.name, hashlib.sha256(source.read_bytes()).hexdigest())
     dc_motor.convert(source, tmp_path / "out.csv")
     rows = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)

@@ -89,13 +89,8 @@ def test_ends_switches_and_counts_stay_and_alike_drives_stay_alike() -> None:
 
 @pytest.mark.usefixtures("active")
 def test_all_kinds_of_values_are_a_little_off() -> None:
-    phase = Phase(
-        2.5,
-        DriveInput("open", 0.6),
-        DriveInput("voltage", -6.0),
-        obstacle=Obstacle(0.5, 0.9, 2e4),
-        changes={"motor": {"resistance": 0.9}},
-    )
+    left, right, rod = DriveInput("open", 0.6), DriveInput("voltage", -6.0), Obstacle(0.5, 0.9, 2e4)
+    phase = Phase(2.5, left, right, obstacle=rod, changes={"motor": {"resistance": 0.9}})
     other = last_bits.off(phase, "phase")
     assert other.obstacle is not None
     assert moved(0.5, other.obstacle.angle)

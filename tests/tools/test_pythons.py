@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -70,45 +71,43 @@ def test_pythons_are_found_on_the_path_and_where_pyenv_keeps_them(
     assert found == [sys.executable, str(kept), None, str(on_path), None]
 
 
-def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(pythons, "versions", lambda: [OWN, "3.99", "3.80"])
-    monkeypatch.setattr(pythons, "interpreter", lambda version: None if version == "3.99" else sys.executable)
-    steps = {OWN: ["-c", "print(1)"], "3.80": ["-c", "raise SystemExit('it broke')"]}
-    monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([[sys.executable, *steps[folder.name]]]))
-    for flags, code in ((["--others", "--short"], 1), ([], 1)):
+@pytest.fixture
+def tried(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Try Pythons with commands of each (None: it is not here); return the exit code and what is printed."""
+
+    def run(commands: dict[str, list[str] | None], *flags: str) -> tuple[int, str]:
+        monkeypatch.setattr(pythons, "versions", lambda: [*commands])
+        monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable if commands[version] else None)
+        monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([commands[folder.name]]))
         monkeypatch.setattr(sys, "argv", ["pythons", *flags, "--output", str(tmp_path)])
-        assert pythons.main() == code
-        out = capsys.readouterr().out
-        assert "Python 3.99: NOT HERE\n" in out
-        assert "it broke\nexit code 1\npythons: FAILED with 3.80\n" in out
-        assert (f"Python {OWN}: " in out) == (not flags)
+        return pythons.main(), capsys.readouterr().out
+
+    return run
+
+
+@pytest.mark.parametrize("flags", [["--others", "--short"], []])
+def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(tried: Any, flags: list[str]) -> None:
+    broken = [sys.executable, "-c", "raise SystemExit('it broke')"]
+    code, out = tried({OWN: [sys.executable, "-c", "print(1)"], "3.99": None, "3.80": broken}, *flags)
+    assert code == 1
+    assert "Python 3.99: NOT HERE\n" in out
+    assert "it broke\nexit code 1\npythons: FAILED with 3.80\n" in out
+    assert (f"Python {OWN}: " in out) == (not flags)
 
 
 def test_what_hangs_or_cannot_be_started_fails_and_the_others_are_tried(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, tried: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pythons, "versions", lambda: ["3.80", "3.81", OWN])
-    monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable)
     monkeypatch.setattr(pythons, "_PATIENCE_S", 2.0)
-    steps = {"3.80": ["sleep", "60"], "3.81": [str(tmp_path / "nothing")], OWN: ["true"]}
-    monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([steps[folder.name]]))
-    monkeypatch.setattr(sys, "argv", ["pythons", "--output", str(tmp_path)])
-    assert pythons.main() == 1
-    out = capsys.readouterr().out
+    code, out = tried({"3.80": ["sleep", "60"], "3.81": [str(tmp_path / "nothing")], OWN: ["true"]})
+    assert code == 1
     assert "timed out after 2.0 seconds" in out
     assert "No such file or directory" in out
     assert f"Python {OWN}: " in out
     assert "pythons: FAILED with 3.80, 3.81\n" in out
 
 
-def test_without_another_python_the_own_one_is_tried(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(pythons, "versions", lambda: [OWN, "3.99"])
-    monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable if version == OWN else None)
-    monkeypatch.setattr(pythons, "_steps", lambda *_: iter([["true"]]))
-    monkeypatch.setattr(sys, "argv", ["pythons", "--others", "--output", str(tmp_path)])
-    assert pythons.main() == 0
-    assert f"Python {OWN}: " in capsys.readouterr().out
+def test_without_another_python_the_own_one_is_tried(tried: Any) -> None:
+    code, out = tried({OWN: ["true"], "3.99": None}, "--others")
+    assert code == 0
+    assert f"Python {OWN}: " in out

@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 
 from tools import stages
 
+Told = Callable[[str], tuple[int, str]]
 # A stand-in for make: the stage's name says how it ends.
 MAKE = """#!/bin/sh
 echo "vcan: $VCAN"
@@ -44,20 +46,28 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, plan: str) -> tuple[int, str]:
-    monkeypatch.setattr("sys.argv", ["stages", plan])
-    code = stages.main()
-    return code, re.sub(r"\d+\.\d s|after \d+ s", "T", capsys.readouterr().out)
+@pytest.fixture
+def told(bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Told:
+    """Run a plan and return its exit code and its output, without the durations."""
+
+    def run(plan: str) -> tuple[int, str]:
+        monkeypatch.setattr("sys.argv", ["stages", plan])
+        code = stages.main()
+        return code, re.sub(r"\d+\.\d s|after \d+ s", "T", capsys.readouterr().out)
+
+    return run
 
 
-def test_the_end_says_what_ran_and_what_failed(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    code, out = told(capsys, monkeypatch, "test")
+def lines_of(text: str) -> list[str]:
+    """Lines with one blank in place of several."""
+    return [" ".join(each.split()) for each in text.splitlines()]
+
+
+def test_the_end_says_what_ran_and_what_failed(bench: Path, told: Told) -> None:
+    code, out = told("test")
     assert code == 1
     assert out.startswith("vcan: optional\n======= 4 passed in 1.00s =======\n----- other\n")
-    lines = out.partition("----- what ran, how long, what failed\n")[2].splitlines()
-    assert [" ".join(each.split()) for each in lines] == [
+    assert lines_of(out.partition("----- what ran, how long, what failed\n")[2]) == [
         "good passed T 4 passed",
         "other passed T",
         "bad FAILED (2) T 1 failed, 3 passed",
@@ -67,9 +77,7 @@ def test_the_end_says_what_ran_and_what_failed(
     assert (bench / "logs" / "bad.log").read_text().count("\n") == 3
 
 
-def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where these failed; what is in no lane is not waited for."""
     run_stage, order = stages.run_stage, []
 
@@ -81,29 +89,25 @@ def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(
 
     monkeypatch.setattr(stages, "run_stage", noted)
     monkeypatch.setattr(stages, "NEEDS", {"good": ("bad", "nowhere")})
-    assert told(capsys, monkeypatch, "test")[0] == 1
+    assert told("test")[0] == 1
     assert order.index("bad ends") < order.index("good begins")
 
 
-def test_what_the_user_says_of_a_vcan_holds(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_user_says_of_a_vcan_holds(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCAN", "required")
-    code, out = told(capsys, monkeypatch, "ci")
+    code, out = told("ci")
     assert code == 0
     assert out.startswith("vcan: required\n")
     assert out.endswith("\nall passed, T\n")
 
 
 @pytest.mark.parametrize("stage", ["hangs", "closes"])
-def test_a_stage_that_hangs_is_ended_and_told(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stage: str
-) -> None:
+def test_a_stage_that_hangs_is_ended_and_told(told: Told, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
     monkeypatch.setattr(stages, "PLANS", {"test": ((stage,), ("good",)), "ci": ()})
     monkeypatch.setattr(stages, "_PATIENCE_S", 1.0)
-    code, out = told(capsys, monkeypatch, "test")
+    code, out = told("test")
     assert code == 1
-    assert [" ".join(each.split()) for each in out.splitlines()][-3:] == [
+    assert lines_of(out)[-3:] == [
         f"{stage} FAILED (-15) T was ended",
         "good passed T 4 passed",
         f"FAILED: {stage}, T",
@@ -112,35 +116,33 @@ def test_a_stage_that_hangs_is_ended_and_told(
 
 @pytest.mark.parametrize("stage", ["leaves", "chatters"])
 def test_what_a_stage_leaves_behind_is_not_waited_for(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, stage: str
+    told: Told, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
     monkeypatch.setattr(stages, "PLANS", {"test": ((stage,),), "ci": ()})
     monkeypatch.setattr(stages, "_PATIENCE_S", 8.0)
-    code, out = told(capsys, monkeypatch, "test")
-    assert (code, " ".join(out.splitlines()[-2].split())) == (0, f"{stage} passed T")
+    code, out = told("test")
+    assert (code, lines_of(out)[-2]) == (0, f"{stage} passed T")
 
 
 def test_a_stage_that_cannot_be_run_is_told_and_not_waited_for(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stages, "NEEDS", {"good": ("other",)})
     monkeypatch.setenv("PATH", str(bench / "nowhere"))
-    code, out = told(capsys, monkeypatch, "test")
+    code, out = told("test")
     assert code == 1
     assert out.count("No such file or directory: 'make'") == 3
 
 
-def test_letters_are_shown_whole(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_letters_are_shown_whole(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     """The stage prints half of a letter, and later the rest."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("slow",),), "ci": ()})
-    assert "gr\u00fc\u00df\n" in told(capsys, monkeypatch, "test")[1]
+    assert "gr\u00fc\u00df\n" in told("test")[1]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_stop_ends_all_lanes_and_says_what_has_not_run(
-    bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+    bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     """The signal comes twice, while two stages run and others wait."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("hangs",), ("hangs-too", "good"), ("other",)), "ci": ()})
@@ -153,12 +155,12 @@ def test_a_stop_ends_all_lanes_and_says_what_has_not_run(
     threading.Timer(1.0, tell_twice).start()
     handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
-        code, out = told(capsys, monkeypatch, "test")
+        code, out = told("test")
     finally:
         for each, handler in handlers.items():
             signal.signal(each, handler)
     assert code == 130
-    assert [" ".join(each.split()) for each in out.splitlines()][-6:] == [
+    assert lines_of(out)[-6:] == [
         "hangs FAILED (-15) T was ended",
         "hangs-too FAILED (-15) T was ended",
         "good FAILED (1) T has not begun",

@@ -117,22 +117,15 @@ def test_margins_are_those_of_the_expectation_in_the_order_of_the_points(made: C
     assert Evaluations(campaign, "other").margins(np.array([[0.5, 0.25]])).tolist() == [9.0]
 
 
-def test_points_that_repeat_are_evaluated_once(made: Callable) -> None:
+def test_points_that_repeat_are_evaluated_once_and_their_margins_keep_the_order(made: Callable) -> None:
     campaign, executor, _ = made(total, *PLANE)
     evaluations = Evaluations(campaign, "soft")
     points = np.array([[0.5, 0.25], [1.0, 0.0], [0.5, 0.25], [0.5, 0.25]])
     assert evaluations.margins(points).tolist() == [0.75, 1.0, 0.75, 0.75]
     assert evaluations.margins(points[::-1]).tolist() == [0.75, 0.75, 1.0, 0.75]
-    assert executor.evaluated == [(0.5, 0.25), (1.0, 0.0)]
-    assert [each.number for each in evaluations.history] == [1, 2]
-
-
-def test_what_is_known_and_what_is_new_come_back_in_their_order(made: Callable) -> None:
-    campaign, executor, _ = made(total, *PLANE)
-    evaluations = Evaluations(campaign, "soft")
-    evaluations.margins(np.array([[0.5, 0.5]]))
-    assert evaluations.margins(np.array([[0.0, 0.25], [0.5, 0.5], [0.0, 0.5]])).tolist() == [0.25, 1.0, 0.5]
-    assert executor.evaluated == [(0.5, 0.5), (0.0, 0.25), (0.0, 0.5)]
+    assert evaluations.margins(np.array([[0.0, 0.25], [0.5, 0.25], [0.0, 0.5]])).tolist() == [0.25, 0.75, 0.5]
+    assert executor.evaluated == [(0.5, 0.25), (1.0, 0.0), (0.0, 0.25), (0.0, 0.5)]
+    assert [each.number for each in evaluations.history] == [1, 2, 3, 4]
 
 
 def test_a_margin_that_is_not_known_is_nan_and_known_to_be(made: Callable) -> None:
@@ -175,26 +168,16 @@ def bowl(values: Floats) -> Floats:
 SEARCHED = ("x~uniform(0,100)", "y~loguniform(1e2,1e5)")
 
 
-def test_a_search_keeps_to_its_budget_and_compares_with_as_many_random_draws(made: Callable) -> None:
+def test_a_search_keeps_to_its_budget_and_finds_a_smaller_margin_than_as_many_random_draws(made: Callable) -> None:
     campaign, executor, space = made(bowl, *SEARCHED)
-    worst = search_worst(campaign, space, "soft", 60, 1)
-    assert worst.end.evaluations == len(worst.search) == len(worst.random) == 60
-    assert len(executor.evaluated) == 120
-    assert campaign.progress.count == campaign.progress.done == 120
-    assert sum(len(each.values) for each in campaign.asked) == 120
-
-
-def test_the_random_draws_are_those_of_the_distributions(made: Callable) -> None:
-    campaign, _, space = made(bowl, *SEARCHED)
-    worst = search_worst(campaign, space, "soft", 40, 1)
-    expected = space.values(shares_of(2, 40, "random", 1))
+    worst = search_worst(campaign, space, "soft", 80, 1)
+    assert worst.end.evaluations == len(worst.search) == len(worst.random) == 80
+    assert len(executor.evaluated) == 160
+    assert campaign.progress.count == campaign.progress.done == 160
+    assert sum(len(each.values) for each in campaign.asked) == 160
+    expected = space.values(shares_of(2, 80, "random", 1))
     np.testing.assert_array_equal([each.values for each in worst.random], expected)
     np.testing.assert_array_equal([each.margin for each in worst.random], bowl(expected))
-
-
-def test_a_search_finds_a_smaller_margin_than_the_random_draws(made: Callable) -> None:
-    campaign, _, space = made(bowl, *SEARCHED)
-    worst = search_worst(campaign, space, "soft", 80, 1)
     least, drawn = (min(each.margin for each in history) for history in (worst.search, worst.random))
     assert least < -0.008 < drawn  # the smallest is -0.01
     assert worst.end.worst_margin == least
@@ -236,17 +219,11 @@ def test_pockets_are_in_different_directions(degrees: float, count: int) -> None
     assert len(pockets_of(failing)) == count
 
 
-def test_pockets_are_few() -> None:
+def test_pockets_are_few_and_none_is_in_the_middle_which_has_no_direction() -> None:
     angles = np.radians(np.arange(0.0, 360.0, 45.0))
     assert len(pockets_of(np.column_stack([np.cos(angles), np.sin(angles)]))) == MOST_POCKETS
-
-
-def test_the_middle_has_no_direction_and_is_no_pocket() -> None:
     assert pockets_of(np.array([[0.0, 0.0], [1.0, 0.0]])).tolist() == [[1.0, 0.0]]
-
-
-def test_without_failures_there_are_no_pockets() -> None:
-    assert pockets_of(np.zeros((0, 3))).shape == (0, 3)
+    assert pockets_of(np.zeros((0, 3))).shape == (0, 3)  # without failures
 
 
 def two_pockets(values: Floats) -> Floats:

@@ -9,34 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from c_library import build, needs_compiler
-from campaign_support import silent_ecu
+from campaign_support import SHORT, silent_ecu
 
 from liftgate_hil.campaigns.base import Base, base_of, batch_name, settings_of
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
 from liftgate_plant.quantity import Quantity
 
-SHORT = """
-duration = 1.0
-initial = "open"
+OWN = f"""
 seed = 3
-
-[parameters]
-angle = 75
-rod = 10_000
-
-[[obstacle]]
-angle_deg = "$angle"
-stiffness = "$rod"
-
-[[expect]]
-name = "stays open"
-always = "gate_angle_deg > $angle"
-
+{SHORT}
 [[expect]]
 name = "never hot"
 always = "left_current_a < 50"
@@ -48,7 +35,7 @@ REAL = Quantity("", "m", -10.0, 10.0, "")
 @pytest.fixture
 def short(tmp_path: Path) -> str:
     path = tmp_path / "short.toml"
-    path.write_text(SHORT)
+    path.write_text(OWN)
     return str(path)
 
 
@@ -60,34 +47,25 @@ def gravity_point_of(job: Job) -> tuple[float, float]:
     return plan_of(job).setup.vehicle.gate.gravity_point
 
 
-def test_whole_numbers_are_given_as_whole_numbers() -> None:
-    given = [(VariedTarget("a.count", KEY, WHOLE), 24.0), (VariedTarget("a.length", KEY, REAL), 24.0)]
-    assert settings_of(given) == ["a.count=24", "a.length=24.0"]
+FIRST, SECOND = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
 
 
-def test_numbers_are_given_to_the_last_bit() -> None:
-    value = float(np.nextafter(0.1, 1.0))
-    (setting,) = settings_of([(VariedTarget("a.length", KEY, REAL), value)])
-    assert float(setting.partition("=")[2]) == value
-
-
-def test_a_coordinate_is_given_with_the_other_one_of_the_file() -> None:
-    target = VariedTarget("a.place[1]", KEY, REAL, (0.25, 0.5))
-    assert settings_of([(target, -1.0)]) == ["a.place=[0.25, -1.0]"]
-
-
-def test_both_coordinates_of_a_point_are_one_setting() -> None:
-    first, second = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in (0, 1))
-    assert settings_of([(second, 2.0), (first, 1.0)]) == ["a.place=[1.0, 2.0]"]
-
-
-def test_only_keys_of_the_vehicle_are_settings() -> None:
-    given = [
-        (VariedTarget("rod", PARAMETER), 1.0),
-        (VariedTarget("seed", SEED_OF_RUN), 2.0),
-        (VariedTarget("draw", DRAW), 3.0),
-    ]
-    assert settings_of(given) == []
+@pytest.mark.parametrize(
+    ("given", "settings"),
+    [
+        ([(VariedTarget("a.count", KEY, WHOLE), 24.0)], ["a.count=24"]),
+        ([(VariedTarget("a.length", KEY, REAL), 24.0)], ["a.length=24.0"]),
+        ([(VariedTarget("a.length", KEY, REAL), 0.10000000000000002)], ["a.length=0.10000000000000002"]),
+        ([(SECOND, -1.0)], ["a.place=[0.25, -1.0]"]),  # the other coordinate is that of the file
+        ([(SECOND, 2.0), (FIRST, 1.0)], ["a.place=[1.0, 2.0]"]),
+        ([(VariedTarget("rod", PARAMETER), 1.0), (VariedTarget("seed", SEED_OF_RUN), 2.0)], []),
+        ([(VariedTarget("draw", DRAW), 3.0)], []),
+    ],
+)
+def test_keys_of_the_vehicle_are_settings_with_numbers_as_the_file_has_them(
+    given: list[tuple[VariedTarget, float]], settings: list[str]
+) -> None:
+    assert settings_of(given) == settings
 
 
 def test_values_go_where_their_names_stand_for(short: str) -> None:
@@ -134,16 +112,21 @@ def test_expectations_are_in_the_order_of_the_scenario(short: str) -> None:
     assert base_with(short, "rod=1,2").expectations == ("stays open", "never hot")
 
 
-def test_the_identity_does_not_depend_on_where_the_files_are(short: str, tmp_path: Path) -> None:
+def test_draws_of_an_ideal_vehicle_are_refused(short: str) -> None:
+    with pytest.raises(ConfigError, match="draw"):
+        base_with(short, "draw=1,2", ideal=True)
+
+
+def test_the_identity_depends_on_names_and_neither_on_values_nor_on_where_the_files_are(
+    short: str, tmp_path: Path
+) -> None:
     other = tmp_path / "other" / "renamed.toml"
     other.parent.mkdir()
     shutil.copy(short, other)
-    assert base_with(str(other), "rod=1,2").identity == base_with(short, "rod=1,2").identity
-
-
-def test_the_identity_does_not_depend_on_the_values_but_on_their_names(short: str) -> None:
     first = base_with(short, "rod=1,2")
+    assert base_with(str(other), "rod=1,2").identity == first.identity
     assert base_with(short, "rod~uniform(5,6)", samples=4).identity == first.identity
+    assert base_of(plan_of(first.job), first.targets).identity == first.identity
     assert base_with(short, "angle=1,2").identity != first.identity
 
 
@@ -154,30 +137,24 @@ def test_the_identity_depends_on_the_content_of_a_library_and_not_on_its_path(sh
     moved.parent.mkdir()
     shutil.copy(library, moved)
     other = build(tmp_path, silent_ecu("steps *= 2;"), "other.so")
-    identities = [base_with(short, "rod=1,2", ecu=str(each)).identity for each in (library, moved, other)]
-    assert identities[0] == identities[1]
-    assert identities[0] != identities[2]
-
-
-@needs_compiler
-def test_the_ecu_of_a_base_is_known_without_its_path(short: str, tmp_path: Path) -> None:
-    library = build(tmp_path, silent_ecu())
-    assert str(tmp_path) not in repr(base_with(short, "rod=1,2", ecu=str(library)).ecu)
+    bases = [base_with(short, "rod=1,2", ecu=str(each)) for each in (library, moved, other)]
+    assert bases[0].identity == bases[1].identity != bases[2].identity
+    assert str(tmp_path) not in repr(bases[0].ecu)
 
 
 def test_the_identity_depends_on_an_included_file(tmp_path: Path) -> None:
     part, path = tmp_path / "part.toml", tmp_path / "whole.toml"
-    part.write_text(SHORT)
+    part.write_text(OWN)
     path.write_text('include = ["part.toml"]\n')
     first = base_with(str(path), "rod=1,2").identity
-    part.write_text(SHORT.replace('always = "left_current_a < 50"', 'always = "left_current_a < 49"'))
+    part.write_text(OWN.replace('always = "left_current_a < 50"', 'always = "left_current_a < 49"'))
     assert isinstance(base_with(str(path), "rod=1,2").job.request.vehicle, VehicleFile)
     assert base_with(str(path), "rod=1,2").identity != first
 
 
 def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path: Path) -> None:
     path, points = tmp_path / "own.toml", tmp_path / "slope.csv"
-    path.write_text(f'{SHORT}\n[[profile]]\nquantity = "road_slope_deg"\ncsv = "slope.csv"\n')
+    path.write_text(f'{OWN}\n[[profile]]\nquantity = "road_slope_deg"\ncsv = "slope.csv"\n')
     identities = set()
     for last in (3.0, 3.0000001):
         points.write_text(
@@ -185,11 +162,6 @@ def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path:
         )
         identities.add(base_with(str(path), "rod=1,2").identity)
     assert len(identities) == 2
-
-
-def test_a_base_is_the_same_whenever_it_is_made(short: str) -> None:
-    first = base_with(short, "rod=1,2")
-    assert base_of(plan_of(first.job), first.targets).identity == first.identity
 
 
 def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:

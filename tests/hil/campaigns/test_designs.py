@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from functools import cache
 
 import numpy as np
@@ -76,12 +77,8 @@ def test_what_a_precondition_depends_on_changes_slowest() -> None:
 
 def test_a_design_of_parameters_alone_has_the_last_one_changing_fastest() -> None:
     assert whole(design("rod=1,2", "angle=5,6")).tolist() == [[1.0, 5.0], [1.0, 6.0], [2.0, 5.0], [2.0, 6.0]]
-
-
-def test_without_a_vary_there_is_one_variant() -> None:
-    made = design()
-    assert made.count == 1
-    assert whole(made).shape == (1, 0)
+    assert design().count == 1  # without a vary there is one variant
+    assert whole(design()).shape == (1, 0)
 
 
 MIXED = ("rod=1,2,3", "supply.voltage=9,12", "angle~uniform(0,1)", "vehicle")
@@ -117,18 +114,14 @@ def test_samples_do_not_depend_on_the_grids_beside_them() -> None:
     np.testing.assert_array_equal(np.sort(np.unique(beside[:, 1])), np.sort(alone))
 
 
-@pytest.mark.parametrize("count", [1, 7, 64, 100])
-def test_a_latin_hypercube_has_one_point_in_each_stratum(count: int) -> None:
-    shares = shares_of(4, count, "lhs", 3)
-    for each in shares.T:
+@pytest.mark.parametrize(
+    ("method", "dimensions", "count"),
+    [*(("lhs", 4, count) for count in (1, 7, 64, 100)), ("sobol", 1, 64), ("sobol", 3, 64)],
+)
+def test_samples_have_one_point_in_each_stratum(method: str, dimensions: int, count: int) -> None:
+    """Of sobol those of a power of two."""
+    for each in shares_of(dimensions, count, method, 3).T:
         assert sorted(np.floor(each * count).astype(int).tolist()) == list(range(count))
-
-
-@pytest.mark.parametrize("dimensions", [1, 3])
-def test_sobol_points_of_a_power_of_two_have_one_in_each_stratum(dimensions: int) -> None:
-    shares = shares_of(dimensions, 64, "sobol", 3)
-    for each in shares.T:
-        assert sorted(np.floor(each * 64).astype(int).tolist()) == list(range(64))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -154,29 +147,29 @@ def test_samples_leave_the_generator_of_the_caller_as_it_was() -> None:
     assert np.random.random() == expected
 
 
-def test_a_distribution_without_a_number_of_samples_is_refused() -> None:
-    message = r"`samples`: missing; allowed: a number, as rod~uniform\(0, 1\) is a distribution"
-    with pytest.raises(ConfigError, match=message):
-        design("rod~uniform(0,1)")
-
-
-def test_a_vehicle_without_a_number_of_samples_is_refused() -> None:
-    with pytest.raises(ConfigError, match="`samples`: missing; allowed: a number, as vehicle is a distribution"):
-        design("vehicle")
-
-
-def test_samples_of_grids_alone_are_refused() -> None:
-    message = "`samples` 20: allowed: with a distribution, or vehicle, in `vary`"
-    with pytest.raises(ConfigError, match=message):
-        design("rod=1,2", samples=20)
-
-
-def test_more_than_a_billion_variants_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"`vary`: 1e\+10 variants; allowed: up to 1e\+09"):
-        design("rod=1:2:100000", "angle=1:2:100000")
+@pytest.mark.parametrize(
+    ("vary", "samples", "message"),
+    [
+        (["rod~uniform(0,1)"], 0, "`samples`: missing; allowed: a number, as rod~uniform(0, 1) is a distribution"),
+        (["vehicle"], 0, "`samples`: missing; allowed: a number, as vehicle is a distribution"),
+        (["rod=1,2"], 20, "`samples` 20: allowed: with a distribution, or vehicle, in `vary`"),
+        (["rod=1:2:100000", "angle=1:2:100000"], 0, "`vary`: 1e+10 variants; allowed: up to 1e+09"),
+    ],
+)
+def test_samples_that_a_design_cannot_have_are_refused(vary: list[str], samples: int, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        design(*vary, samples=samples)
 
 
 def test_a_billion_variants_are_not_held_in_memory() -> None:
     made = design("rod=1:2:100000", "angle=1:2:10000")
     assert made.count == 10**9
     assert made.values(10**9 - 2, 10).tolist() == [[2.0, made.values(10**9 - 2, 1)[0, 1]], [2.0, 2.0]]
+
+
+def test_too_many_variants_are_refused_before_their_samples_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[object] = []
+    monkeypatch.setattr(Design, "_sampled", staticmethod(lambda *given: drawn.append(given)))
+    with pytest.raises(ConfigError):
+        design("rod~uniform(0,1)", "angle=1:2:100", samples=10**9, method="random")
+    assert drawn == []

@@ -20,6 +20,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.variant import AS_FILED
 from liftgate_hil.config.vehicle import read_vehicle
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
+from liftgate_hil.drive import start
 from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import run
 from liftgate_hil.plan.plan import plan_of
@@ -96,12 +97,15 @@ def test_variants_share_a_precondition_and_are_as_runs_of_their_own(tmp_path: Pa
         assert_row_is_that_of_a_run(evaluator, values)
 
 
-def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from liftgate_hil.drive import start
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """One entry for each precondition that is gone through."""
+    found, whole = list[int](), start.after_precondition
+    monkeypatch.setattr(start, "after_precondition", lambda *args: found.append(1) or whole(*args))
+    return found
 
-    calls = []
-    whole = start.after_precondition
-    monkeypatch.setattr(start, "after_precondition", lambda *args: calls.append(1) or whole(*args))
+
+def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, calls: list[int]) -> None:
     path = scenario(tmp_path, '["open"]', '"closed"')
     base, _ = base_and_space(path, "rod=10000,65000", "environment.road_slope_deg=0,8")
     evaluator = Evaluator(base)
@@ -131,14 +135,7 @@ def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path:
     np.testing.assert_array_equal(again.margins, first.margins)
 
 
-def test_variants_of_a_fault_and_a_profile_share_their_precondition(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from liftgate_hil.drive import start
-
-    calls = []
-    whole = start.after_precondition
-    monkeypatch.setattr(start, "after_precondition", lambda *args: calls.append(1) or whole(*args))
+def test_variants_of_a_fault_and_a_profile_share_their_precondition(tmp_path: Path, calls: list[int]) -> None:
     path = scenario(tmp_path, '["open"]', '"closed"')
     more = """
 [parameters]

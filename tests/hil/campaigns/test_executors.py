@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from c_library import build, needs_compiler
-from campaign_support import VALUES, base_in, campaign_in, evaluated, rows_of, silent_ecu
+from campaign_support import VALUES, base_in, campaign_in, evaluated, evaluated_in, silent_ecu
 from dask_processes import DaskProcesses
 
 from liftgate_hil.campaigns.base import Base
@@ -22,37 +23,30 @@ from liftgate_hil.campaigns.executors.local import Processes, Serial
 from liftgate_hil.campaigns.store import Store
 from liftgate_hil.errors import ConfigError, LiftgateError
 
-KINDS = ("serial", "processes", "cluster")
+MADE = {
+    "serial": lambda base, _: Serial(base),
+    "processes": lambda base, _: Processes(base, 2),
+    "cluster": lambda base, cluster: Cluster(base, cluster.address),
+}
 
 
-@pytest.fixture(params=KINDS)
-def kind(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
-def executor_of(kind: str, base: Base, cluster: DaskProcesses | None) -> Executor:
-    if kind == "serial":
-        return Serial(base)
-    if kind == "processes":
-        return Processes(base, 2)
-    assert cluster is not None
-    return Cluster(base, cluster.address)
+@pytest.fixture(params=MADE)
+def executor(request: pytest.FixtureRequest, base: Base, cluster: DaskProcesses) -> Executor:
+    return MADE[request.param](base, cluster)
 
 
 def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
-    kind: str, base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
+    executor: Executor, base: Base, expected: pa.Table, tmp_path: Path
 ) -> None:
-    found = evaluated(tmp_path / kind, base, executor_of(kind, base, cluster), size=7)
+    found = evaluated(tmp_path, base, executor, size=7)
     assert found.equals(expected)
     assert len(set(found["margin.stays open"].to_pylist())) > 10
-    assert len(list((tmp_path / kind).glob("*.parquet"))) == 4  # 24 variants in batches of 7
-    assert {each.suffix for each in (tmp_path / kind).iterdir()} == {".parquet"}
+    assert len(list((tmp_path).glob("*.parquet"))) == 4  # 24 variants in batches of 7
+    assert {each.suffix for each in (tmp_path).iterdir()} == {".parquet"}
 
 
-def test_what_is_in_the_store_is_not_evaluated_again(
-    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
-) -> None:
-    campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster))
+def test_what_is_in_the_store_is_not_evaluated_again(executor: Executor, base: Base, tmp_path: Path) -> None:
+    campaign = campaign_in(tmp_path, base, executor)
     batches = batches_of(base, VALUES, 6)
     campaign.evaluate(batches[1:3])
     written = {each.name: each.stat().st_mtime_ns for each in tmp_path.glob("*.parquet")}
@@ -65,11 +59,9 @@ def test_what_is_in_the_store_is_not_evaluated_again(
     assert campaign.progress.found == 12
 
 
-def test_a_stop_ends_it_and_keeps_whole_batches(
-    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
-) -> None:
+def test_a_stop_ends_it_and_keeps_whole_batches(executor: Executor, base: Base, tmp_path: Path) -> None:
     done = []
-    campaign = campaign_in(tmp_path, base, executor_of(kind, base, cluster), lambda: len(done) > 0)
+    campaign = campaign_in(tmp_path, base, executor, lambda: len(done) > 0)
     campaign.tell = lambda progress: done.append(progress.done)
     # So many batches that they are not all with the workers when the first is done.
     values = np.column_stack([np.linspace(60.0, 80.0, 240), np.linspace(9.5, 15.0, 240)])
@@ -80,11 +72,9 @@ def test_a_stop_ends_it_and_keeps_whole_batches(
         assert pa.parquet.read_table(each).num_rows == 2
 
 
-def test_a_variant_that_cannot_be_run_is_an_error_row(
-    kind: str, base: Base, cluster: DaskProcesses, tmp_path: Path
-) -> None:
+def test_a_variant_that_cannot_be_run_is_an_error_row(executor: Executor, base: Base, tmp_path: Path) -> None:
     values = np.array([[70.0, 12.0], [70.0, -5.0], [71.0, 12.0]])
-    found = evaluated(tmp_path, base, executor_of(kind, base, cluster), values)
+    found = evaluated(tmp_path, base, executor, values)
     assert found["verdict"].to_pylist()[1] == "error"
     assert "supply.voltage" in found["error"].to_pylist()[1]
     assert found["error"].to_pylist()[0::2] == [None, None]
@@ -110,10 +100,7 @@ def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
                 killed.append(process.pid)
 
     campaign.tell = kill
-    batches = batches_of(base, VALUES, 6)
-    campaign.evaluate(batches)
-    executor.close()
-    found = rows_of(campaign, batches)
+    found = evaluated_in(campaign, size=6)
     assert len(killed) == 4
     assert found.equals(expected)
     assert campaign.progress.retried >= 1
@@ -122,12 +109,9 @@ def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
 def test_killed_workers_of_a_cluster_lose_nothing(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
-    """All workers of the cluster, one after the other; each has a successor, which other tests use from then on. A
-    worker takes one to two seconds to start.
-    """
+    """One after the other; each has a successor for later tests, which takes one to two seconds to start."""
     cluster.wait_for(2)
-    executor = Cluster(base, cluster.address)
-    campaign = campaign_in(tmp_path / "killed", base, executor)
+    campaign = campaign_in(tmp_path / "killed", base, Cluster(base, cluster.address))
     left = list(cluster.workers)
 
     def kill(progress: CampaignProgress) -> None:
@@ -135,10 +119,7 @@ def test_killed_workers_of_a_cluster_lose_nothing(
             cluster.replace(left.pop())
 
     campaign.tell = kill
-    batches = batches_of(base, VALUES, 2)
-    campaign.evaluate(batches)
-    executor.close()
-    found = rows_of(campaign, batches)
+    found = evaluated_in(campaign, size=2)
     assert not left
     assert found.equals(expected)
     assert len(list((tmp_path / "killed").glob("*.parquet"))) == 12
@@ -175,8 +156,6 @@ def test_workers_that_do_not_see_the_store_hand_their_batches_back(
 
 
 def test_workers_of_another_version_are_refused_by_name(base: Base, cluster: DaskProcesses) -> None:
-    from dataclasses import replace
-
     other = replace(base, versions={**base.versions, "liftgate-hil": "9.9"})
     with pytest.raises(ConfigError, match=r"worker tcp://[\d.:]+: liftgate-hil .*, here 9\.9; allowed"):
         Cluster(other, cluster.address)

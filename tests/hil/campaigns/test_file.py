@@ -59,12 +59,9 @@ def test_a_file_has_the_requests_of_its_parts(tmp_path: Path) -> None:
     assert second == CampaignRequest("demo", ("angle=20:60:5", "seed=1,2"), method="sobol")
 
 
-def test_a_part_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:
-    assert [each.title for each in read(tmp_path).parts] == ["The first", "second"]
-    assert [each.name for each in read(tmp_path).parts] == ["first", "second"]
-
-
-def test_a_file_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:
+def test_a_part_or_a_file_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:
+    parts = read(tmp_path).parts
+    assert [(each.name, each.title) for each in parts] == [("first", "The first"), ("second", "second")]
     assert read(tmp_path, TWO.replace('title = "Both"\n', "", 1)).title == "both"
 
 
@@ -76,20 +73,17 @@ def test_what_the_flags_say_holds_for_all_parts(tmp_path: Path) -> None:
         assert request.settings == ("gate.mass=31",)
 
 
-def test_vary_replaces_the_values_of_a_name_in_each_part_that_has_it(tmp_path: Path) -> None:
-    found = read(tmp_path, vary=("angle = 30,40",))
-    assert [each.request.vary for each in found.parts] == [
-        ("rod=1,2", "angle = 30,40"),
-        ("angle = 30,40", "seed=1,2"),
-    ]
-
-
-def test_vary_replaces_a_grid_by_a_distribution_and_the_reverse(tmp_path: Path) -> None:
-    found = read(tmp_path, vary=("rod~loguniform(1,9)", "angle=5"))
-    assert [each.request.vary for each in found.parts] == [
-        ("rod~loguniform(1,9)", "angle=5"),
-        ("angle=5", "seed=1,2"),
-    ]
+@pytest.mark.parametrize(
+    ("vary", "first", "second"),
+    [
+        (("angle = 30,40",), ("rod=1,2", "angle = 30,40"), ("angle = 30,40", "seed=1,2")),
+        (("rod~loguniform(1,9)", "angle=5"), ("rod~loguniform(1,9)", "angle=5"), ("angle=5", "seed=1,2")),
+    ],
+)
+def test_vary_replaces_grids_and_distributions_of_a_name_in_each_part_that_has_it(
+    tmp_path: Path, vary: tuple[str, ...], first: tuple[str, ...], second: tuple[str, ...]
+) -> None:
+    assert [each.request.vary for each in read(tmp_path, vary=vary).parts] == [first, second]
 
 
 def test_a_name_that_only_begins_alike_is_not_replaced(tmp_path: Path) -> None:
@@ -107,6 +101,21 @@ def test_a_name_that_no_part_varies_is_refused(tmp_path: Path) -> None:
 
 def test_samples_replace_those_of_parts_that_have_some(tmp_path: Path) -> None:
     assert [each.request.samples for each in read(tmp_path, samples=5).parts] == [5, None]
+
+
+@pytest.mark.parametrize(
+    ("vary", "samples", "expected"),
+    [("supply.voltage~uniform(9,12)", 5, [5, 5]), ("gate.mass=30,31", 0, [None, None])],
+)
+def test_samples_follow_what_replaces_a_grid_or_the_only_distribution_of_a_part(
+    tmp_path: Path, vary: str, samples: int, expected: list[int | None]
+) -> None:
+    content = (
+        '[[part]]\nname = "a"\nscenario = "demo"\nvary = ["supply.voltage=9,12"]\n'
+        '[[part]]\nname = "b"\nscenario = "demo"\nvary = ["gate.mass~uniform(30,31)"]\nsamples = 9\n'
+    )
+    requests = [each.request for each in read(tmp_path, content, vary=(vary,), samples=samples).parts]
+    assert [prepared(each).request.samples for each in requests] == expected
 
 
 @pytest.mark.parametrize(
@@ -146,9 +155,6 @@ def test_what_is_not_allowed_is_refused_with_file_key_and_value(
 def test_all_issues_of_all_parts_are_told_at_once(tmp_path: Path) -> None:
     content = '[[part]]\nname = "a/b"\nscenario = "demo"\n[[part]]\nsamples = "many"\nscenario = "demo"'
     assert len(refusal(tmp_path, content)) == 3
-
-
-def test_a_part_that_is_no_table_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path, 'part = ["a"]')[0].startswith(f"{tmp_path / 'both.toml'}: part[0]: ")
 
 
@@ -158,16 +164,18 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         read_campaign_file(str(path), CampaignRequest(str(path), ()))
 
 
-def test_an_unknown_shipped_campaign_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"`scenario` pack:nothing: allowed: .*pack:trap-matrix"):
-        read_campaign_file("pack:nothing", CampaignRequest("pack:nothing", ()))
-
-
 @pytest.mark.parametrize(
-    "name", ["pack:../campaigns/trap-matrix", "pack:", "pack:/etc/passwd", "pack/trap-matrix"]
+    ("name", "said"),
+    [
+        ("pack:nothing", "`scenario` pack:nothing: allowed: .*pack:trap-matrix"),
+        *(
+            (name, "allowed: pack:")
+            for name in ("pack:../campaigns/trap-matrix", "pack:", "pack:/etc/passwd", "pack/trap-matrix")
+        ),
+    ],
 )
-def test_a_shipped_campaign_is_no_path(name: str) -> None:
-    with pytest.raises(ConfigError, match="allowed: pack:"):
+def test_an_unknown_shipped_campaign_or_a_path_is_refused_with_those_that_there_are(name: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
         read_campaign_file(name, CampaignRequest(name, ()))
 
 

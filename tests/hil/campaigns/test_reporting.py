@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +26,7 @@ from liftgate_hil.campaigns.reporting.heat_map import cells_of, heat_map
 from liftgate_hil.campaigns.reporting.report import heat_section, incomplete, interval, report, worst
 from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.search.worst_search import SearchEnd
+from liftgate_hil.campaigns.store import StoreError
 from liftgate_hil.report.page import page
 from liftgate_hil.report.provenance import Provenance
 
@@ -70,23 +73,18 @@ def small(tmp_path: Path) -> Path:
     )
 
 
-def test_verdicts_are_counted(small: Path) -> None:
-    found = summary_of(small, ["rod"], ["soft", "far"])
+def test_verdicts_margins_and_errors_are_counted(small: Path) -> None:
+    found = summary_of(small, ["rod"], ["soft", "far"], margin_units=("N", ""))
     assert found.count == 8
     assert found.counts == {"pass": 1, "inconclusive": 1, "fail": 3, "error": 3}
-
-
-def test_expectations_are_counted_by_their_margins(small: Path) -> None:
-    soft, far = summary_of(small, ["rod"], ["soft", "far"], margin_units=("N", "")).expectations
+    soft, far = found.expectations
     assert soft == ("soft", 2, 2, 4, -3.0, f"{5:032x}", "N")
     assert far == ("far", 4, 1, 3, -2.0, f"{2:032x}", "")
+    assert list(found.errors) == [("it broke", 2), ("no such", 1)]  # the most frequent first
 
 
-def test_the_report_is_about_the_expectation_that_fails_most(small: Path) -> None:
+def test_the_report_is_about_the_expectation_that_fails_most_or_was_asked_for(small: Path) -> None:
     assert summary_of(small, ["rod"], ["soft", "far"]).driver == "margin.soft"
-
-
-def test_the_report_is_about_the_expectation_that_was_asked_for(small: Path) -> None:
     found = summary_of(small, ["rod"], ["soft", "far"], "far")
     assert found.driver == "margin.far"
     np.testing.assert_array_equal(found.result, [1.0, 1.0, -2.0, NAN, 0.0, 5.0, NAN, NAN])
@@ -108,10 +106,6 @@ def test_the_worst_variants_come_first_and_those_without_a_result_not_at_all(sma
 def test_ten_of_many_variants_are_listed_and_equal_ones_in_their_order(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["fail"] * 40, {"rod": range(40)}, {"soft": [-1.0] * 20 + [-2.0] * 20})
     assert [each.values[0] for each in summary_of(path, ["rod"], ["soft"]).worst] == list(range(20, 30))
-
-
-def test_errors_are_counted_the_most_frequent_first(small: Path) -> None:
-    assert list(summary_of(small, ["rod"], ["soft", "far"]).errors) == [("it broke", 2), ("no such", 1)]
 
 
 def test_names_with_dots_and_brackets_are_columns_of_their_own(tmp_path: Path) -> None:
@@ -139,27 +133,32 @@ def test_a_cell_has_the_worst_of_its_variants() -> None:
     np.testing.assert_array_equal(low.worst, [[3.0, 4.0], [NAN, 6.0]])
 
 
-@pytest.mark.parametrize(("low", "high"), [(5.0, 10.0), (-3.0, 3.0), (1.0, 1000.0)])
-def test_cells_of_continuous_values_hold_each_variant_once(low: float, high: float) -> None:
+@pytest.mark.parametrize(
+    ("spaced", "low", "high"),
+    [(np.linspace, 5.0, 10.0), (np.linspace, -3.0, 3.0), (np.geomspace, 1.0, 1000.0)],  # as wide in the logarithm
+)
+def test_cells_of_continuous_values_hold_each_variant_once(spaced: Any, low: float, high: float) -> None:
     generator = np.random.default_rng(1)
-    across, down = generator.uniform(low, high, 500), generator.uniform(-1.0, 1.0, 500)
+    across = generator.permutation(spaced(low, high, 500))
     results = generator.random(500)
-    cells = cells_of(across, down, results, is_low_worst=False)
+    cells = cells_of(across, generator.uniform(-1.0, 1.0, 500), results, is_low_worst=False)
     assert cells.worst.shape == (10, 10)
-    edges = np.linspace(across.min(), across.max(), 11)
-    if high == 1000.0:  # drawn from a logarithm, whose classes are equally wide
-        across = np.exp(generator.uniform(0.0, np.log(high), 500))
-        cells = cells_of(across, down, results, is_low_worst=False)
-        edges = np.geomspace(across.min(), across.max(), 11)
-    column = np.clip(np.digitize(across, edges) - 1, 0, 9)
+    column = np.clip(np.digitize(across, spaced(low, high, 11)) - 1, 0, 9)
     for k in range(10):
         own = results[column == k]
         assert np.nanmax(cells.worst[:, k], initial=-1.0) == max(own, default=-1.0)
 
 
-def test_cells_name_the_middle_of_a_class() -> None:
+def test_a_uniform_value_from_0_has_classes_of_equal_width() -> None:
+    x = np.random.default_rng(1).uniform(0.0, 10.0, 500)
+    assert np.isfinite(cells_of(x, np.zeros(500), np.ones(500), False).worst).mean() > 0.9
+
+
+def test_cells_name_the_middle_of_a_class_and_no_two_alike() -> None:
     cells = cells_of(np.linspace(0.0, 20.0, 100), np.linspace(0.0, 1.0, 100) // 0.5, np.ones(100), False)
     assert cells.columns == tuple(f"{each:g}" for each in range(1, 20, 2))
+    close = cells_of(np.array([1234567.0, 1234568.0]), np.zeros(2), np.ones(2), False)
+    assert len(set(close.columns)) == 2
 
 
 def cell_styles(good: float, bad: float, *values: float) -> list[tuple[bool, str, str]]:
@@ -172,7 +171,7 @@ def cell_styles(good: float, bad: float, *values: float) -> list[tuple[bool, str
     ]
 
 
-def test_cells_go_from_green_to_yellow_and_are_red_beyond_the_limit_only() -> None:
+def test_cells_go_from_green_to_yellow_and_are_red_and_framed_beyond_the_limit_only() -> None:
     assert cell_styles(50.0, 100.0, 20.0, 50.0, 75.0, 100.0, 100.1) == [
         (False, "91cf60", "20.0"),
         (False, "91cf60", "50.0"),
@@ -180,21 +179,14 @@ def test_cells_go_from_green_to_yellow_and_are_red_beyond_the_limit_only() -> No
         (False, "ffeea0", "100.0"),
         (True, "f47b5a", "100.1"),
     ]
+    low_is_bad = [each[0] for each in cell_styles(10.0, 0.0, -0.1, 0.0, 5.0, 20.0)]
+    assert low_is_bad == [True, False, False, False]
 
 
-def test_where_low_is_bad_cells_below_are_framed() -> None:
-    framed = [each[0] for each in cell_styles(10.0, 0.0, -0.1, 0.0, 5.0, 20.0)]
-    assert framed == [True, False, False, False]
-
-
-def test_a_cell_without_a_variant_is_told_without_colour() -> None:
-    cells = cells_of(np.array([1.0, 2.0]), np.array([1.0, 2.0]), np.array([1.0, 2.0]), False)
-    assert heat_map(cells, "x", "y", 0.0, 1.0).count('<td class="none">·</td>') == 2
-
-
-def test_a_heat_map_escapes_its_labels() -> None:
+def test_a_heat_map_tells_cells_without_a_variant_and_escapes_its_labels() -> None:
     cells = cells_of(np.array([1.0, 2.0]), np.array([1.0, 2.0]), np.array([1.0, 2.0]), False)
     html = heat_map(cells, HOSTILE, HOSTILE, 0.0, 1.0)
+    assert html.count('<td class="none">·</td>') == 2
     assert "<script" not in html
     assert Page(html).text.count("<script>alert") == 2
 
@@ -280,17 +272,15 @@ def test_a_report_is_one_whole_page_that_needs_nothing_else(tmp_path: Path) -> N
     )
 
 
-def test_a_report_escapes_hostile_names(tmp_path: Path) -> None:
-    shown = Page(made_report(many(tmp_path, HOSTILE), title=HOSTILE))
-    shown.check_alone()
-    assert HOSTILE in shown.text.replace("\xa0", " ")
-
-
-def test_a_report_escapes_hostile_errors(tmp_path: Path) -> None:
+def test_a_report_escapes_hostile_names_and_errors(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["error"], {"rod": [1.0]}, {"soft": [None]}, force=[NAN], errors=[HOSTILE])
-    shown = Page(made_report(summary_of(path, ["rod"], ["soft"])))
-    shown.check_alone()
-    assert HOSTILE in shown.text
+    for html in (
+        made_report(many(tmp_path, HOSTILE), title=HOSTILE),
+        made_report(summary_of(path, ["rod"], ["soft"])),
+    ):
+        shown = Page(html)
+        shown.check_alone()
+        assert HOSTILE in shown.text.replace("\xa0", " ")
 
 
 @pytest.mark.parametrize("verdict", ["pass", "fail", "error", "inconclusive"])
@@ -301,12 +291,7 @@ def test_a_report_of_a_single_variant_is_a_whole_page(verdict: str, tmp_path: Pa
     Page(made_report(summary_of(path, ["rod"], ["soft"]))).check_alone()
 
 
-def test_a_report_without_anything_varied_or_expected_is_a_whole_page(tmp_path: Path) -> None:
-    path = write(tmp_path / "r", ["pass"], {}, {})
-    Page(made_report(summary_of(path, [], []))).check_alone()
-
-
-def test_an_incomplete_campaign_is_told(tmp_path: Path) -> None:
+def test_an_incomplete_campaign_in_which_nothing_varies_is_a_whole_page_that_says_so(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["pass"], {}, {})
     shown = Page(made_report(summary_of(path, [], []), [incomplete(False)]))
     shown.check_alone()
@@ -355,9 +340,6 @@ def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(failed: int, cou
     assert float(low) == pytest.approx(100.0 * expected.low, rel=0.05)
     assert float(high) == pytest.approx(100.0 * expected.high, rel=0.05)
     assert "e" not in shown
-
-
-def test_the_interval_of_no_variants_is_unknown() -> None:
     assert interval(0, 0) == "unknown"
 
 
@@ -373,6 +355,12 @@ def test_a_combined_report_is_one_whole_page_with_what_each_part_has_found(tmp_p
     assert "480 variants" in shown.text
     assert "Other <b>rods</b>: what drives it" in shown.text
     assert "Incomplete" not in shown.text
+
+
+@pytest.mark.parametrize("titles", [("Rods", "Rods"), ("Rods 1", "rods-1"), ("—", "…")])
+def test_parts_with_titles_alike_are_a_whole_page(titles: tuple[str, str], tmp_path: Path) -> None:
+    parts = [part(many(tmp_path), each) for each in titles]
+    Page(combined_report("All", "", parts, PROVENANCE, True, "reference")).check_alone()
 
 
 @pytest.mark.parametrize(("has_all", "is_complete"), [(False, True), (True, False)])
@@ -413,10 +401,6 @@ def test_variants_with_another_verdict_come_first_then_the_largest_differences(t
     assert found.differing["rod"].to_pylist() == [3.0, 2.0, 4.0]
     assert found.differing["largest_difference"].to_pylist() == [1.5, 10.0, 0.125]
     assert found.differing["against.margin.a.b"].to_pylist() == [0.5, 2.5, -2.0]
-
-
-def test_pairs_of_verdicts_are_counted(two: tuple[Path, Path]) -> None:
-    found = comparison_of(*two, ["rod"], ["a.b", "c"], ("one", "two"))
     assert found.as_dict() == {
         "ecus": ["one", "two"],
         "variants": 5,
@@ -490,14 +474,9 @@ def test_a_probability_of_nothing_seen_is_told_as_a_bound() -> None:
 
 def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: Path) -> None:
     """A trouble code has no margin, and a comparison of states may fail with one of 0."""
-    path = write(
-        tmp_path / "results.parquet",
-        ["fail", "fail", "pass"],
-        {"rod": [1.0, 2.0, 3.0]},
-        {"code": [None, None, None], "state": [0.0, 0.0, 0.0]},
-        judged={"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]},
-        force=[5.0, 7.0, 6.0],
-    )
+    rod, margins = {"rod": [1.0, 2.0, 3.0]}, {"code": [None] * 3, "state": [0.0] * 3}
+    judged = {"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]}
+    path = write(tmp_path / "r", judged["state"], rod, margins, judged=judged, force=[5.0, 7.0, 6.0])
     found = summary_of(path, ["rod"], ["code", "state"])
     assert [(each.name, each.passed, each.failed, each.undecided) for each in found.expectations] == [
         ("code", 2, 1, 0),
@@ -510,15 +489,29 @@ def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: P
 
 
 def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:
-    paths = [
-        write(
-            tmp_path / f"{name}.parquet",
-            ["fail", "fail"],
-            {"rod": [1.0, 2.0]},
-            {"code": [None, None], "other": [-1.0, -1.0]},
-            judged={"code": ["pass", verdict], "other": ["fail", "fail"]},
-        )
-        for name, verdict in (("one", "pass"), ("two", "fail"))
-    ]
-    found = comparison_of(paths[0], paths[1], ["rod"], ["code", "other"], ("one", "two"))
+    rod, margins = {"rod": [1.0, 2.0]}, {"code": [None] * 2, "other": [-1.0] * 2}
+    verdicts = [{"code": ["pass", each], "other": ["fail"] * 2} for each in ("pass", "fail")]
+    one, two = (
+        write(tmp_path / str(k), ["fail"] * 2, rod, margins, judged=each) for k, each in enumerate(verdicts)
+    )
+    found = comparison_of(one, two, ["rod"], ["code", "other"], ("one", "two"))
     assert found.differing["rod"].to_pylist() == [2.0]
+
+
+def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
+    one, two = (
+        write(tmp_path / name, ["fail"], {"rod": [1.0]}, {"a": [margin]}, judged={"a": ["fail"]})
+        for name, margin in (("one", None), ("two", 4.0))
+    )
+    assert comparison_of(one, two, ["rod"], ["a"], ("one", "two")).differing.num_rows == 1
+
+
+def test_results_that_cannot_be_read_are_told_in_our_words(tmp_path: Path) -> None:
+    whole, gone = write(tmp_path / "whole.parquet", ["pass"], {}, {}), tmp_path / "gone.parquet"
+    for call in (
+        lambda: summary_of(gone, [], []),
+        lambda: comparison_of(gone, whole, [], [], ("one", "two")),
+        lambda: comparison_of(whole, gone, [], [], ("one", "two")),
+    ):
+        with pytest.raises(StoreError, match=rf"^{gone}: {os.strerror(errno.ENOENT)}$"):
+            call()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ def begun(folder: Folder, found: Prepared, **changed: Any) -> None:
         "files": {name: each._asdict() for name, each in found.plan.sources.items()},
         "versions": dict(found.base.versions),
     }
-    folder.write_manifest({**content, **changed})
+    (folder.path / MANIFEST).write_text(json.dumps({"format": 2, **content, **changed}))
 
 
 def refusal(folder: Folder, found: Prepared) -> str:
@@ -119,16 +120,15 @@ def test_another_vehicle_is_told(folder: Folder, scenario: Path) -> None:
     assert ": vehicle" in refusal(folder, campaign_of(scenario, vehicle="compact"))
 
 
-def test_a_changed_file_is_told_by_what_it_is_for(folder: Folder, scenario: Path) -> None:
+def test_a_changed_file_is_told_by_what_it_is_for_and_so_is_an_included_one(
+    folder: Folder, scenario: Path
+) -> None:
     begun(folder, campaign_of(scenario))
-    scenario.write_text(scenario.read_text() + "# another content\n")
+    content = scenario.read_text()
+    scenario.write_text(content + "# another content\n")
     assert_differs(folder, campaign_of(scenario), "scenario")
-
-
-def test_a_changed_included_file_is_told(folder: Folder, scenario: Path) -> None:
-    begun(folder, campaign_of(scenario))
-    part = scenario.parent / "part.toml"
-    part.write_text(SHORT.replace("duration = 1.0", "duration = 1.5"))
+    scenario.write_text(content)
+    (scenario.parent / "part.toml").write_text(SHORT.replace("duration = 1.0", "duration = 1.5"))
     assert "not as the campaign began" in refusal(folder, campaign_of(scenario))
 
 
@@ -139,13 +139,36 @@ def test_another_version_is_told_by_its_package(folder: Folder, scenario: Path) 
 
 
 @pytest.mark.parametrize(
-    "pace", [{"workers": None}, {"workers": "many"}, {"seconds_each": []}, {"seconds_each": None}, {"workers": {}}]
+    "pace",
+    [
+        *({"workers": each} for each in (None, "many", {}, 0, -3)),
+        *({"seconds_each": each} for each in (None, [], math.nan)),
+    ],
 )
 def test_a_campaign_without_its_pace_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, **pace)
     told = f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"
     assert refusal(folder, found) == told
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"files": None},
+        {"files": []},
+        {"files": {"vehicle": 5}},
+        {"versions": None},
+        {"request": None},
+        {"request": []},
+    ],
+)
+def test_garbage_in_a_manifest_is_of_another_campaign(
+    changed: dict[str, Any], folder: Folder, scenario: Path
+) -> None:
+    found = campaign_of(scenario)
+    begun(folder, found, **changed)
+    assert "not as the campaign began" in refusal(folder, found)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"format": 0}', "\x00"])

@@ -17,7 +17,7 @@ import distributed
 import numpy as np
 import pyarrow as pa
 import pytest
-from campaign_support import VALUES, campaign_in, evaluated, rows_of
+from campaign_support import VALUES, campaign_in, evaluated, evaluated_in
 from dask_processes import PATIENCE, DaskProcesses
 
 from liftgate_hil.campaigns.base import Base
@@ -70,8 +70,7 @@ def rows_beside(
     act: Callable[[], object], base: Base, cluster: DaskProcesses, folder: Path
 ) -> tuple[pa.Table, CampaignProgress]:
     """The rows of all variants, evaluated while something else is done once, after the first batch."""
-    executor = Cluster(base, cluster.address)
-    campaign = campaign_in(folder, base, executor)
+    campaign = campaign_in(folder, base, Cluster(base, cluster.address))
     left = [act]
 
     def tell(progress: CampaignProgress) -> None:
@@ -79,12 +78,7 @@ def rows_beside(
             left.pop()()
 
     campaign.tell = tell
-    batches = batches_of(base, VALUES, 2)
-    try:
-        campaign.evaluate(batches)
-        return rows_of(campaign, batches), campaign.progress
-    finally:
-        executor.close()
+    return evaluated_in(campaign, size=2), campaign.progress
 
 
 def test_a_client_that_ends_leaves_the_others_their_slots(
@@ -162,10 +156,11 @@ def test_workers_that_another_client_restarts_are_waited_for(
     [
         (
             AssertionError("reason"),
-            "a task failed: AssertionError: reason; what is in the store is kept: go on with",
+            "{address}: a task failed: AssertionError: reason; what is in the store is kept: go",
         ),
-        (TimeoutError(), "a task failed: TimeoutError: ; .*--resume"),  # of the task, not of the scheduler
-        (LiftgateError("workers cannot start"), "a task failed: workers cannot start; .*--resume"),
+        (TimeoutError(), "{address}: a task failed: TimeoutError: ; .*--resume"),  # of the task, not the scheduler
+        (LiftgateError("workers cannot start"), "{address}: a task failed: workers cannot start; .*--resume"),
+        (StoreError("No space left on device"), "^No space left on device$"),  # as where a store fails here
     ],
 )
 def test_a_task_that_fails_says_why_and_that_the_campaign_can_go_on(
@@ -180,16 +175,6 @@ def test_a_task_that_fails_says_why_and_that_the_campaign_can_go_on(
         raise error
 
     monkeypatch.setattr(module, "evaluated", fail)
-    with pytest.raises(LiftgateError, match=f"{cluster.address}: {text}"):
-        evaluated(tmp_path, base, Cluster(base, cluster.address))
-
-
-def test_a_store_that_fails_on_a_worker_is_told_as_one_that_fails_here(
-    base: Base, cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any) -> None:
-        raise StoreError("No space left on device")
-
-    monkeypatch.setattr(module, "evaluated", fail)
-    with pytest.raises(StoreError, match=r"^No space left on device$"):
+    expected = StoreError if isinstance(error, StoreError) else LiftgateError
+    with pytest.raises(expected, match=text.format(address=cluster.address)):
         evaluated(tmp_path, base, Cluster(base, cluster.address))

@@ -1,24 +1,33 @@
-"""A worker process with its batches: which silence is a death, and what is lost by it."""
+"""A worker process with its batches: which silence is a death, what is lost by it, and how it ends."""
 
 from __future__ import annotations
 
 import os
 import pickle
 import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import wait
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from campaign_support import SHORT
 
+from liftgate_hil.campaigns.base import Base
+from liftgate_hil.campaigns.executors import idle_slots
+from liftgate_hil.campaigns.executors.idle_slots import IdleSlots
 from liftgate_hil.campaigns.executors.slot import Slot
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.isolate import children
+from liftgate_hil.isolate.children import in_memory
 
 VALUES = np.array([[60.0], [70.0], [75.0]])
 
@@ -82,3 +91,93 @@ def test_a_worker_that_is_stopped_is_replaced_and_its_batch_evaluated(
     assert evaluated(slot) == expected
     assert slot.retried == 1
     assert stopped.poll() == -signal.SIGKILL
+
+
+SENDS_ITSELF_A_SIGNAL = """
+import atexit, os, signal, sys
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGTERM))
+from liftgate_hil.campaigns.executors.worker import main
+sys.exit(main())
+"""
+
+
+def test_a_worker_that_ends_by_itself_does_not_heed_the_request_to_end(base: Base) -> None:
+    """The caller closes the connection, at which it ends, and sends SIGTERM at the same time."""
+    ours, theirs = socket.socketpair()
+    given = in_memory(pickle.dumps((pickle.dumps(base), sys.path)))
+    ours.close()
+    with theirs:
+        done = subprocess.run(
+            [sys.executable, "-c", SENDS_ITSELF_A_SIGNAL, str(theirs.fileno()), str(given)],
+            pass_fds=[theirs.fileno(), given], capture_output=True, text=True, check=False, timeout=120,
+        )  # fmt: skip
+    os.close(given)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# Slots without a batch: each client has its own, and those of a client that is gone are ended.
+
+
+class Clock:
+    """A clock that only sleeping advances, and the threads that would sleep."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now, self.threads = 0.0, list[Any]()
+        monkeypatch.setattr(idle_slots, "time", SimpleNamespace(monotonic=lambda: self.now, sleep=self._sleep))
+        monkeypatch.setattr(idle_slots, "threading", SimpleNamespace(Lock=threading.Lock, Thread=self._thread))
+
+    def _sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+    def _thread(self, target: Any, **_: Any) -> Any:
+        return SimpleNamespace(start=lambda: self.threads.append(target))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return Clock(monkeypatch)
+
+
+def put(slots: IdleSlots, token: str, clock: Clock) -> Any:
+    """Add a slot, which notes when it is ended."""
+    closed: list[float] = []
+    made: Any = SimpleNamespace(closed=closed, close=lambda: closed.append(clock.now))
+    slots.put(token, made)
+    return made
+
+
+def test_a_client_takes_its_own_slots_the_latest_first(clock: Clock) -> None:
+    slots = IdleSlots()
+    first, other, last = (put(slots, token, clock) for token in "aba")
+    assert [slots.take("a") for _ in range(3)] == [last, first, None]
+    assert slots.take("b") is other
+
+
+def test_a_client_ends_its_own_slots_alone(clock: Clock) -> None:
+    slots = IdleSlots()
+    ended, kept = put(slots, "a", clock), put(slots, "b", clock)
+    slots.end("a")
+    assert (ended.closed, kept.closed) == ([0.0], [])
+    assert slots.take("a") is None
+    assert slots.take("b") is kept
+
+
+def test_a_slot_at_work_is_not_ended(clock: Clock) -> None:
+    slots = IdleSlots()
+    busy = put(slots, "a", clock)
+    slots.take("a")
+    slots.end("a")
+    assert busy.closed == []
+
+
+def test_a_slot_that_gets_no_batch_for_a_minute_is_ended(clock: Clock) -> None:
+    slots = IdleSlots()
+    first = put(slots, "a", clock)
+    clock.now = 20.0
+    second = put(slots, "b", clock)
+    (watch,) = clock.threads
+    watch()
+    assert (first.closed, second.closed) == ([60.0], [80.0])
+    assert slots.take("a") is None
+    put(slots, "a", clock)
+    assert len(clock.threads) == 2  # watched again

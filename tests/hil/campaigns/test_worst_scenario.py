@@ -12,7 +12,6 @@ from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.scenario_file import scenario_text
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import run
 
 CLOSING = """
@@ -80,49 +79,39 @@ def written(found: Prepared, values: list[float], folder: Path) -> Path:
     return path
 
 
-def assert_runs_as(result: Result, row: Row, names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("vary", "values", "more"),
+    [
+        (("rod=1,2",), [31234.5], {}),
+        (("seed=1,2",), [99.0], {}),
+        (("draw=1,2",), [5.0], {}),
+        (("supply.voltage=9,12", "environment.road_slope_deg=-8,8"), [9.75, -3.5], {}),
+        (("gate.gravity_point[1]=-0.1,0.1", "gate.gravity_point[0]=0.4,0.5"), [0.03, 0.44], {}),
+        (ALL, VALUES, {}),
+        *(
+            (("rod=1,2",), [4e4], more)
+            for more in (
+                {"vehicle": "compact"},
+                {"seed": 21, "draw": 3},
+                {"ideal": True},
+                {"settings": ("gate.mass=33", "supply.voltage=10.5")},
+                {"parameters": {"angle": 66.0}},
+                {"duration": 3.0},
+                {"draw": 3, "settings": ("motor.resistance=0.4",)},
+            )
+        ),
+    ],
+)
+def test_a_variant_runs_as_the_campaign_saw_it_with_what_its_request_says(
+    vary: tuple[str, ...], values: list[float], more: dict[str, object], scenario: Path, tmp_path: Path
+) -> None:
+    found = campaign_of(scenario, *vary, **more)
+    row, result = seen(found, values), run(str(written(found, values, tmp_path)))
     assert row.error == ""
     assert result.verdict == row.verdict
-    assert tuple(result.expectations[name].margin for name in names) == row.margins
+    assert tuple(result.expectations[name].margin for name in found.base.expectations) == row.margins
     assert result.maxima["pinch_force_n"] == row.figures.peak_pinch_force_n > 0.0
     assert result.trace == {}
-
-
-@pytest.mark.parametrize(
-    ("vary", "values"),
-    [
-        (("rod=1,2",), [31234.5]),
-        (("seed=1,2",), [99.0]),
-        (("draw=1,2",), [5.0]),
-        (("supply.voltage=9,12", "environment.road_slope_deg=-8,8"), [9.75, -3.5]),
-        (("gate.gravity_point[1]=-0.1,0.1", "gate.gravity_point[0]=0.4,0.5"), [0.03, 0.44]),
-        (ALL, VALUES),
-    ],
-)
-def test_a_variant_runs_as_the_campaign_saw_it(
-    vary: tuple[str, ...], values: list[float], scenario: Path, tmp_path: Path
-) -> None:
-    found = campaign_of(scenario, *vary)
-    row = seen(found, values)
-    assert_runs_as(run(str(written(found, values, tmp_path))), row, found.base.expectations)
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"vehicle": "compact"},
-        {"seed": 21, "draw": 3},
-        {"ideal": True},
-        {"settings": ("gate.mass=33", "supply.voltage=10.5")},
-        {"parameters": {"angle": 66.0}},
-        {"duration": 3.0},
-        {"draw": 3, "settings": ("motor.resistance=0.4",)},
-    ],
-)
-def test_what_the_request_says_is_in_the_file(more: dict[str, object], scenario: Path, tmp_path: Path) -> None:
-    found = campaign_of(scenario, "rod=1,2", **more)
-    row = seen(found, [4e4])
-    assert_runs_as(run(str(written(found, [4e4], tmp_path))), row, found.base.expectations)
 
 
 def test_other_files_are_named_relative_to_its_folder(scenario: Path, tmp_path: Path) -> None:

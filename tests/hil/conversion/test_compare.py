@@ -372,25 +372,33 @@ def test_bus_logs_whose_times_count_from_other_instants_are_the_same(
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("command", "more", "said"),
     [
-        (["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X at least 0"),
-        (["--tolerance", "-1"], "--tolerance"),
-        (["--time-tolerance", "-1"], "argument --time-tolerance: '-1'; allowed: 0 to 3600 s"),
-        (["--columns", "gate_angl_deg"], "allowed: left_current_a, gate_angle_deg"),
-        (["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
-        (["--output", "x.gif"], "--output x.gif: allowed: a file of .png, .svg, .pdf, .html"),
-        (["--rig", "liftgate"], "allowed with a recording that holds frames"),
+        ("compare", ["--tolerance", "x"], "--tolerance x: allowed: X or NAME=X, X at least 0"),
+        ("compare", ["--tolerance", "-1"], "--tolerance"),
+        ("compare", ["--time-tolerance", "-1"], "argument --time-tolerance: '-1'; allowed: 0 to 3600 s"),
+        ("compare", ["--columns", "gate_angl_deg"], "allowed: left_current_a, gate_angle_deg"),
+        ("compare", ["--from", "2", "--to", "1"], "--from 2: after --to 1; allowed: before it"),
+        ("compare", ["--output", "x.gif"], "--output x.gif: allowed: a file of .png, .svg, .pdf, .html"),
+        ("compare", ["--rig", "liftgate"], "allowed with a recording that holds frames"),
+        ("plot", ["--output", "x"], "--output x: allowed: a file of .png, .svg, .pdf, .html"),
+        ("plot", ["--output", "no/x.png"], "no folder no"),
+        ("plot", ["--columns", "left_curent"], "--columns left_curent: not in"),
+        ("plot", ["--columns", "gate_angle_deg,left_curent"], "; allowed: left_current_a"),
+        ("plot", ["--from", "5"], "no rows in the time window"),
+        ("plot", ["--from", "x"], "--from"),
+        ("plot", ["--from", "0.2", "--to", "0.1"], "--from 0.2: after --to 0.1"),
     ],
 )
 def test_wrong_arguments_are_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, more: list[str], said: str
 ) -> None:
     path = str(table(tmp_path / "a.csv", ROWS))
-    assert main(["compare", path, path, *more]) == 2
+    assert main([command, *[path] * (2 if command == "compare" else 1), *more]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert "Traceback" not in err
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_log_and_a_table_have_nothing_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # asammdf's own
 
 LOGS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 BOTH = [suffix for suffix, each in FORMATS.items() if each.has_frames and each.has_rows]
+Marks = Iterable[tuple[float, str]]
 EPOCH_NS = 1_700_000_000_123_000_000
 EDGES = [0.0, -0.0, 1.0 / 3.0, 5e-324, -1.7976931348623157e308, 1e22, 0.1 + 0.2, np.nan]
 
@@ -77,13 +79,15 @@ def some_frames(kinds: int = 0, count: int = 900) -> Any:
     return frames
 
 
-def recorded(path: Path, rows: np.ndarray | None = None, frames: Any = None) -> Path:
+def recorded(path: Path, rows: np.ndarray | None = None, frames: Any = None, marks: Marks = ()) -> Path:
     recorder = open_writer(path, Content(columns_of(2), "can3"))
     recorder.begin(EPOCH_NS)
     if rows is not None:
         recorder.write_rows(rows)
     if frames is not None:
         recorder.write_frames(frames)
+    for time_s, text in marks:
+        recorder.write_mark(time_s, text)
     recorder.close()
     assert recorder.failure == ""
     return path
@@ -184,15 +188,7 @@ MARKS = [(10.4, "a door slams"), (10.2, "command: close"), (50.0, "squeaks – l
 
 
 def with_marks(path: Path) -> Path:
-    recorder = open_writer(path, Content(columns_of(2), "can3"))
-    recorder.begin(EPOCH_NS)
-    recorder.write_rows(some_rows(20))
-    recorder.write_frames(some_frames(0, COUNT))
-    for time_s, text in MARKS:
-        recorder.write_mark(time_s, text)
-    recorder.close()
-    assert recorder.failure == ""
-    return path
+    return recorded(path, some_rows(20), some_frames(0, COUNT), MARKS)
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -209,17 +205,9 @@ def test_marks_go_along_in_order_of_time(tmp_path: Path, first: str, second: str
 
 
 def test_marks_of_one_time_keep_their_order(tmp_path: Path) -> None:
-    recorder = open_writer(tmp_path / "run.mcap", Content(columns_of(2), "can3"))
-    recorder.begin(EPOCH_NS)
-    recorder.write_rows(some_rows(20))
-    for text in ("second of its name", "command: first of its name"):
-        recorder.write_mark(10.4, text)
-    recorder.close()
-    convert(tmp_path / "run.mcap", tmp_path / "out.mf4")
-    assert [text for _, text in open_recording(tmp_path / "out.mf4").marks] == [
-        "second of its name",
-        "command: first of its name",
-    ]
+    marks = [(10.4, "second of its name"), (10.4, "command: first of its name")]
+    convert(recorded(tmp_path / "run.mcap", some_rows(20), marks=marks), tmp_path / "out.mf4")
+    assert [text for _, text in open_recording(tmp_path / "out.mf4").marks] == [text for _, text in marks]
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -253,12 +241,7 @@ def test_marks_that_a_target_cannot_hold_or_changes_are_counted(
 
 
 def test_a_mark_at_a_time_that_the_target_cannot_hold_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
-    recorder = open_writer(path, Content(columns_of(2), "can3"))
-    recorder.begin(EPOCH_NS)
-    recorder.write_rows(some_rows(5))
-    recorder.write_mark(-0.5, "early")
-    recorder.close()
+    path = recorded(tmp_path / "run.mf4", some_rows(5), marks=[(-0.5, "early")])
     with pytest.raises(ConfigError, match=r"the mark 'early' at -0\.5 s, a time that \.mcap cannot hold"):
         convert(path, tmp_path / "out.mcap")
 
@@ -347,10 +330,6 @@ def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -
         done = convert(path, tmp_path / "out.mcap")
         assert done.notes == ("its last line is truncated and ignored",)
         assert 40 < done.frames < 50
-    path = recorded(tmp_path / "run.csv", some_rows(10))
-    path.write_bytes(path.read_bytes()[:-3])
-    done = convert(path, tmp_path / "out.mcap")
-    assert (done.rows, done.notes) == (9, ("its last line is truncated and ignored",))
 
 
 def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str]:

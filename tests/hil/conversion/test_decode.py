@@ -86,27 +86,30 @@ def test_a_signal_holds_until_its_message_comes_again() -> None:
     assert table["N.T"].tolist() == [2.0, 4.0, 5.0]
 
 
-def test_a_signal_without_a_frame_yet_has_no_value() -> None:
-    database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A', 'SG_ T : 8|8@1+ (1,0) [0|0] "" A')
-    frames = frames_at([1, 2, 3], [(100, b"\1"), (100, b"\2\3"), (100, b"\4")])
-    table = table_of(database, frames)
-    assert table["M.S"].tolist() == [1.0, 2.0, 4.0]
-    assert math.isnan(table["M.T"][0])
-    assert table["M.T"][1:].tolist() == [3.0, 3.0]  # a frame that is too short says nothing of it
+BYTE = '8@1+ (1,0) [0|0] "" A'
 
 
-def test_a_multiplexed_signal_is_in_the_frames_with_its_value() -> None:
-    database = database_of(
-        'SG_ Page M : 0|4@1+ (1,0) [0|0] "" A',
-        'SG_ One m1 : 8|8@1+ (1,0) [0|0] "" A',
-        'SG_ Two m2 : 8|8@1+ (1,0) [0|0] "" A',
-    )
-    frames = frames_at([1, 2, 3], [(100, b"\1\7"), (100, b"\2\x08"), (100, b"\3\x09")])
-    table = table_of(database, frames)
-    assert table["M.Page"].tolist() == [1.0, 2.0, 3.0]
-    assert table["M.One"].tolist() == [7.0, 7.0, 7.0]
-    assert math.isnan(table["M.Two"][0])
-    assert table["M.Two"][1:].tolist() == [8.0, 8.0]
+@pytest.mark.parametrize(
+    ("signals", "payloads", "expected"),
+    [
+        (  # a frame that is too short says nothing of the second
+            (f"SG_ S : 0|{BYTE}", f"SG_ T : 8|{BYTE}"),
+            (b"\1", b"\2\3", b"\4"),
+            {"M.S": [1.0, 2.0, 4.0], "M.T": [math.nan, 3.0, 3.0]},
+        ),
+        (  # multiplexed
+            ('SG_ Page M : 0|4@1+ (1,0) [0|0] "" A', f"SG_ One m1 : 8|{BYTE}", f"SG_ Two m2 : 8|{BYTE}"),
+            (b"\1\7", b"\2\x08", b"\3\x09"),
+            {"M.Page": [1.0, 2.0, 3.0], "M.One": [7.0, 7.0, 7.0], "M.Two": [math.nan, 8.0, 8.0]},
+        ),
+    ],
+)
+def test_a_signal_has_a_value_from_its_first_frame_on(
+    signals: tuple[str, ...], payloads: tuple[bytes, ...], expected: dict[str, list[float]]
+) -> None:
+    table = table_of(database_of(*signals), frames_at([1, 2, 3], [(100, each) for each in payloads]))
+    for name, values in expected.items():
+        np.testing.assert_array_equal(table[name], values)
 
 
 def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:

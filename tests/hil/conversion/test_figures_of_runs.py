@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conversion_support import table
-from hil_support import frames_of
+from conversion_support import log, table
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
-from liftgate_hil.codec.frames import logged
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.conversion import plot
 from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
@@ -21,12 +19,9 @@ from liftgate_hil.conversion.figures.pinch import contact_of
 from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject, taken
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.open import open_writer
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.report.run_plot import hall_speed
-from liftgate_hil.signals import columns_of
 
 COLUMNS = (
     "time_s", "gate_angle_deg", "gate_rate_degps", "pinch_force_n",
@@ -216,10 +211,20 @@ def test_the_sums_of_a_contact_are_those_of_the_plant() -> None:
     assert contact.over == pytest.approx(0.2 * 0.75, rel=1e-9)
 
 
-def test_a_run_without_a_contact_is_answered_so(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.csv", rows={**RUN, "pinch_force_n": 0.0 * TIMES})
-    with pytest.raises(ConfigError, match="pinch_force_n: nothing was pinched; allowed: a recording"):
-        draw("pinch", path)
+@pytest.mark.parametrize(
+    ("figure", "rows", "said"),
+    [
+        ("pinch", {"pinch_force_n": 0.0 * TIMES}, "pinch_force_n: nothing was pinched; allowed: a recording"),
+        ("phase", {"gate_rate_degps": math.nan * TIMES}, "gate_angle_deg, gate_rate_degps: no values"),
+        ("phase", {"time_s": np.roll(TIMES, 1)}, "time_s: falls or is not finite; allowed: finite times in order"),
+        ("phase", {"time_s": 0.0 * TIMES}, "only one time in the window; allowed: two or more"),
+    ],
+)
+def test_rows_that_make_no_figure_are_refused(
+    tmp_path: Path, figure: str, rows: dict[str, np.ndarray], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        draw(figure, recorded(tmp_path / "run.csv", rows={**RUN, **rows}))
 
 
 def test_what_is_missing_is_named_in_one_message(tmp_path: Path) -> None:
@@ -254,25 +259,6 @@ def test_gaps_and_rest_are_drawn(tmp_path: Path, name: str, spoilt: float) -> No
     for column in COLUMNS[1:]:
         rows[column][:300] = spoilt
     assert draw(name, recorded(tmp_path / "run.csv", rows=rows)).figure.axes
-
-
-def test_a_phase_portrait_of_nothing_is_refused(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "run.csv", rows={**RUN, "gate_rate_degps": math.nan * TIMES})
-    with pytest.raises(ConfigError, match="gate_angle_deg, gate_rate_degps: no values"):
-        draw("phase", path)
-
-
-@pytest.mark.parametrize(
-    ("times", "said"),
-    [
-        ([0.0, 2.0, 1.0], "time_s: falls or is not finite; allowed: finite times in order"),
-        ([0.0, 0.0, 0.0], "only one time in the window; allowed: two or more"),
-    ],
-)
-def test_times_that_cannot_be_an_axis_are_refused(tmp_path: Path, times: list[float], said: str) -> None:
-    rows = {name: RUN[name][:3] for name in COLUMNS} | {"time_s": np.array(times)}
-    with pytest.raises(ConfigError, match=said):
-        draw("phase", recorded(tmp_path / "run.csv", rows=rows))
 
 
 def test_of_rows_at_one_time_the_last_one_counts(tmp_path: Path) -> None:
@@ -311,13 +297,7 @@ def bus_log(folder: Path) -> Path:
     (folder / "theirs.toml").write_text(RIG)
     pairs = [(100 * k, 500 - 20 * k) for k in range(50)]
     payloads = [b"".join(each.to_bytes(2, "little", signed=True) for each in pair) + bytes(4) for pair in pairs]
-    frames = logged(frames_of([(0x301, each) for each in payloads]), 0, True)
-    frames["time_ns"] = np.arange(50) * 5_000_000
-    recorder = open_writer(folder / "a.log", Content(columns_of(2), "can0"))
-    recorder.begin(0)
-    recorder.write_frames(frames)
-    recorder.close()
-    return folder / "a.log"
+    return log(folder / "a.log", [(0x301, each) for each in payloads], [0.005 * k for k in range(50)])
 
 
 def test_a_bus_log_has_the_columns_that_its_rig_maps_in_our_units(tmp_path: Path) -> None:

@@ -172,11 +172,11 @@ def test_a_self_locking_drive_has_a_map() -> None:
 BEGINS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF", ".html": b"<!DOCTYPE html>"}
 
 
-def call(figure: str, folder: Path, output: str) -> bytes:
+def call(figure: str, folder: Path, output: str, *more: str) -> bytes:
     """The content of a figure's file."""
     kind, target = FIGURES[figure], folder / output
     source = [str(recorded(folder / "run.csv"))] if kind.of_recording else []
-    assert main(["plot", *source, "--figure", figure, "--output", str(target), "--quiet"]) == 0
+    assert main(["plot", *source, "--figure", figure, *more, "--output", str(target), "--quiet"]) == 0
     return target.read_bytes()
 
 
@@ -270,31 +270,25 @@ def test_wrong_calls_are_one_line_and_exit_code_2(
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_limit_is_set_as_any_other_value(tmp_path: Path) -> None:
-    source = str(recorded(tmp_path / "run.csv"))
-    target = tmp_path / "a.svg"
-    assert (
-        main(["plot", source, "--figure", "pinch", "--set", "gate.pinch_limit=77", "--output", str(target)]) == 0
-    )
-    text = target.read_text(encoding="utf-8")
-    assert "limit 77 N" in text
-    assert "suv with gate.pinch_limit=77" in text
-
-
-def test_the_caption_tells_which_values_are_not_the_file_s(tmp_path: Path) -> None:
-    target = tmp_path / "a.svg"
-    for more, title, caption in (
+@pytest.mark.parametrize(
+    ("figure", "more", "title", "caption"),
+    [
+        ("pinch", ["--set", "gate.pinch_limit=77"], "suv with gate.pinch_limit=77", "limit 77 N"),
         (
+            "static",
             ["--set", "environment.snow_mass=9", "--draw", "3"],
             "suv, changed: ",
             "environment.snow_mass=9, draw 3.",
         ),
-        (["--ideal"], "suv (ideal): ", "Vehicle: suv (ideal)."),
-    ):
-        assert main(["plot", "--figure", "static", *more, "--output", str(target)]) == 0
-        text = target.read_text(encoding="utf-8")
-        assert title in text
-        assert caption in text
+        ("static", ["--ideal"], "suv (ideal): ", "Vehicle: suv (ideal)."),
+    ],
+)
+def test_a_figure_tells_which_values_are_not_the_file_s(
+    tmp_path: Path, figure: str, more: list[str], title: str, caption: str
+) -> None:
+    text = call(figure, tmp_path, "a.svg", *more).decode()
+    assert title in text
+    assert caption in text
 
 
 def test_a_subject_without_its_part_is_an_error() -> None:

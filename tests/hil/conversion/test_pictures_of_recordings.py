@@ -20,7 +20,7 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.conversion import picture
 from liftgate_hil.conversion.figures.catalogue import drawn
 from liftgate_hil.conversion.figures.subject import FigureSubject
-from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table, open_whole
+from liftgate_hil.conversion.table import Window, columns_in, open_table, open_whole
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_recording, open_writer
@@ -121,12 +121,6 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
     assert [each.get_text() for each in equal.texts] == ["equal"]
 
 
-def test_a_wrong_column_is_answered_with_those_like_it(tmp_path: Path) -> None:
-    run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
-    with pytest.raises(ConfigError, match=r"`columns` left_curent: not in .*; allowed: left_current_a"):
-        chosen(run, ["gate_angle_deg", "left_curent"])
-
-
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".html"])
 def test_a_picture_is_written_in_the_format_of_its_suffix(
     tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
@@ -152,10 +146,7 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
 
 
 def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path) -> None:
-    """In a process of its own, whose files may hold 4 kB.
-
-    With -B, as in all such processes: Python keeps a module that is cut off, and cannot read it the next time.
-    """
+    """In a process of its own, whose files may hold 4 kB; with -B, as Python keeps a module that is cut off."""
     path = table(tmp_path / "a.csv", RUN, HEAD)
     targets = [tmp_path / f"out{suffix}" for suffix in (".html", ".pdf", ".png", ".svg")]
     for target in targets:
@@ -199,28 +190,6 @@ def test_a_bus_log_is_drawn_with_a_rig(tmp_path: Path, capsys: pytest.CaptureFix
 def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", [(t, math.nan, b) for t, _, b in ROWS])
     assert main(["plot", str(path), "--output", str(tmp_path / "a.png")]) == 0
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        (["--output", "x"], "--output x: allowed: a file of .png, .svg, .pdf, .html"),
-        (["--output", "no/x.png"], "no folder no"),
-        (["--columns", "nosuch"], "--columns nosuch: not in"),
-        (["--from", "5"], "no rows in the time window"),
-        (["--from", "x"], "--from"),
-        (["--from", "0.2", "--to", "0.1"], "--from 0.2: after --to 0.1"),
-    ],
-)
-def test_wrong_arguments_are_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
-) -> None:
-    path = str(table(tmp_path / "a.csv", ROWS))
-    assert main(["plot", path, *more]) == 2
-    err = capsys.readouterr().err
-    assert said in err
-    assert "Traceback" not in err
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_by_default_what_does_not_change_is_not_drawn_but_told(tmp_path: Path) -> None:

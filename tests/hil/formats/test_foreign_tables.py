@@ -6,7 +6,9 @@ from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
@@ -119,9 +121,6 @@ def test_more_columns_than_anybody_looks_at_are_refused(tmp_path: Path, kind: st
     if kind == "csv":
         path.write_text(",".join(names) + "\n")
     else:
-        import pyarrow
-        from pyarrow import parquet
-
         parquet.write_table(pyarrow.table({name: [0.0] for name in names}), path)
     with pytest.raises(ConfigError, match="20001 columns; allowed: up to 20000"):
         open_file(path)
@@ -129,9 +128,6 @@ def test_more_columns_than_anybody_looks_at_are_refused(tmp_path: Path, kind: st
 
 @pytest.mark.parametrize("unit", ["ns", "us", "ms", "s"])
 def test_timestamps_in_parquet_are_seconds_from_the_first_one(tmp_path: Path, unit: str) -> None:
-    import pyarrow
-    from pyarrow import parquet
-
     path = tmp_path / "t.parquet"
     times = np.array(["2025-09-29T05:00:00", "2025-09-29T05:00:02"], dtype=f"datetime64[{unit}]")
     spans = np.array([0, 1], dtype=f"timedelta64[{unit}]")
@@ -162,9 +158,6 @@ def test_a_wall_clock_in_parts_of_a_second_is_named(tmp_path: Path, factor: floa
 @pytest.mark.parametrize("name", ["Speed, left", 'a "b"', "a;b"])
 def test_a_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> None:
     source = tmp_path / "t.parquet"
-    import pyarrow
-    from pyarrow import parquet
-
     parquet.write_table(pyarrow.table({"time_s": [0.0, 1.0], name: [1.0, 2.0]}), source)
     assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
     assert series_in(tmp_path / "t.csv", name)[name].values.tolist() == [1.0, 2.0]
@@ -220,9 +213,8 @@ def test_integers_that_no_float_holds_are_rounded_with_a_note(tmp_path: Path, fo
         rows = [f"{k / 10}{mark}{n}{mark}{1e20}" for k, n in enumerate(LARGE)]
         path.write_text("\n".join([f"time_s{mark}n{mark}x", *rows, ""]))
     else:
-        arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
         numbers = [*LARGE, None] if "null" in form else [*LARGE, 6]
-        parquet.write_table(arrow.table({"time_s": np.arange(6) * 0.1, "n": arrow.array(numbers)}), path)
+        parquet.write_table(pyarrow.table({"time_s": np.arange(6) * 0.1, "n": pyarrow.array(numbers)}), path)
     table = open_file(path)
     wanted = [name for name in ("time_s", "n", "x") if name in table.names or name == "time_s"]
     for _ in range(2):  # each pass counts anew

@@ -1,7 +1,9 @@
-"""Frames in recordings: readable by others, the same in every format, with times and directions."""
+"""Frames and marks in recordings: readable by others, the same in every format, with times and directions."""
 
 from __future__ import annotations
 
+import json
+import zlib
 from datetime import datetime
 from pathlib import Path
 
@@ -14,8 +16,9 @@ from liftgate_hil.codec.frames import ERROR, FD, REMOTE, no_logged
 from liftgate_hil.formats.candump_file import candump_lines
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_recording, open_writer
-from liftgate_hil.formats.suffixes import FORMATS
+from liftgate_hil.formats.suffixes import FORMATS, RECORDED, WITH_MARKS
 
+pytestmark = pytest.mark.filterwarnings("ignore")  # asammdf's own
 BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 
 
@@ -66,30 +69,22 @@ def test_stamps_are_whole_microseconds_since_1970() -> None:
 
 
 def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path) -> None:
-    rows = [
-        (0x120, b"12345678"),
-        (0x000, b""),
-        (0x7FF, b"\xff"),
-        (0x1ABCDEF0 | EXTENDED, bytes(range(8))),
-        (0x005 | EXTENDED, b""),
-        (0x333 | REMOTE, b""),
-        (0x0 | ERROR, b""),
+    kinds = [  # identifier and payload; number, and whether it is extended, remote, an error
+        (0x120, b"12345678", (0x120, False, False, False)),
+        (0x000, b"", (0x000, False, False, False)),
+        (0x7FF, b"\xff", (0x7FF, False, False, False)),
+        (0x1ABCDEF0 | EXTENDED, bytes(range(8)), (0x1ABCDEF0, True, False, False)),
+        (0x005 | EXTENDED, b"", (0x005, True, False, False)),
+        (0x333 | REMOTE, b"", (0x333, False, True, False)),
+        (0x0 | ERROR, b"", (0, False, False, True)),
     ]
+    rows = [(identifier, payload) for identifier, payload, _ in kinds]
     messages = recorded(tmp_path / "bus.log", [sent(rows, 0.25)], epoch_ns=EPOCH_NS)
-    assert [key(message) for message in messages] == [
-        (0x120, False, False, False, b"12345678"),
-        (0x000, False, False, False, b""),
-        (0x7FF, False, False, False, b"\xff"),
-        (0x1ABCDEF0, True, False, False, bytes(range(8))),
-        (0x005, True, False, False, b""),
-        (0x333, False, True, False, b""),
-        (0, False, False, True, b""),
-    ]
+    assert [key(message) for message in messages] == [(*about, payload) for _, payload, about in kinds]
     assert {message.timestamp for message in messages} == {1_700_000_000.25}
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".mf4", ".mcap"])
-@pytest.mark.filterwarnings("ignore")
 def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path, suffix: str) -> None:
     rows = [(0x120 | FD, bytes(range(64))), (0x121 | FD, bytes(12))]
     messages = recorded(tmp_path / f"bus{suffix}", [sent(rows)])
@@ -109,7 +104,6 @@ def test_both_dates_of_an_asc_header_are_the_start_of_the_run(tmp_path: Path) ->
 
 @pytest.mark.parametrize("channel", ["a b", "größe", "", "/dev/ttyACM0@115200", "ff15::1"])
 @pytest.mark.parametrize("suffix", BUS)
-@pytest.mark.filterwarnings("ignore")
 def test_any_channel_name_gives_a_readable_log(tmp_path: Path, channel: str, suffix: str) -> None:
     messages = recorded(tmp_path / f"bus{suffix}", [sent([(0x120, b"a")])], channel)
     assert [key(message)[0] for message in messages] == [0x120]
@@ -117,7 +111,6 @@ def test_any_channel_name_gives_a_readable_log(tmp_path: Path, channel: str, suf
 
 @pytest.mark.parametrize("suffix", BUS)
 @pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
-@pytest.mark.filterwarnings("ignore")  # asammdf's own
 def test_every_format_has_the_same_frames_with_times_and_directions(
     tmp_path: Path, suffix: str, epoch_ns: int
 ) -> None:
@@ -133,7 +126,6 @@ def test_every_format_has_the_same_frames_with_times_and_directions(
 
 @pytest.mark.parametrize("suffix", BUS)
 @pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
-@pytest.mark.filterwarnings("ignore")
 def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
     tmp_path: Path, suffix: str, epoch_ns: int
 ) -> None:
@@ -144,7 +136,6 @@ def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
 
 
 @pytest.mark.parametrize("suffix", BUS)
-@pytest.mark.filterwarnings("ignore")
 def test_error_and_remote_frames_do_not_break_a_file(
     tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -159,14 +150,12 @@ def test_error_and_remote_frames_do_not_break_a_file(
 
 
 @pytest.mark.parametrize("suffix", BUS)
-@pytest.mark.filterwarnings("ignore")
 def test_a_run_without_a_frame_still_closes(tmp_path: Path, suffix: str) -> None:
     recorder = open_writer(tmp_path / f"bus{suffix}", BOTH)
     recorder.close()
     assert recorder.failure == ""
 
 
-@pytest.mark.filterwarnings("ignore")
 def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
     from asammdf import MDF
 
@@ -217,3 +206,67 @@ def test_a_recording_of_frames_only_has_no_rows(tmp_path: Path, suffix: str) -> 
     recording = open_recording(tmp_path / f"run{suffix}")
     assert sum(len(frames) for frames in recording.frames()) == 1
     assert list(recording.rows(["time_s"])) == []
+
+
+# An operator's marks, as foreign programs read them.
+
+TEXT = "gate squeaks – left"
+
+
+def written(path: Path) -> Path:
+    writer = open_writer(path, BOTH)
+    writer.begin(1_700_000_000_000_000_000)
+    writer.write_rows(rows_from(0, 3))
+    writer.write_frames(sent([(0x100 + k, bytes([k])) for k in range(3)], 0.001))
+    writer.write_mark(0.0025, TEXT)
+    writer.write_rows(rows_from(3, 3))
+    writer.close()
+    assert writer.failure == ""
+    return path
+
+
+def unpacked(path: Path) -> bytes:
+    """The objects of a BLF with one container."""
+    content = path.read_bytes()
+    return zlib.decompress(content[content.index(b"LOBJ") + 32 :])
+
+
+def test_asammdf_reads_a_marker_event(tmp_path: Path) -> None:
+    from asammdf import MDF
+
+    with MDF(written(tmp_path / "run.mf4")) as measured:
+        (event,) = measured.events
+        assert (event.name, event.value) == (TEXT, pytest.approx(0.0025))
+
+
+def test_mcap_reads_a_message_on_marks(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    with written(tmp_path / "run.mcap").open("rb") as stream:
+        (found,) = [each for _, channel, each in make_reader(stream).iter_messages() if channel.topic == "/marks"]
+    assert json.loads(found.data) == {"time_s": 0.0025, "text": TEXT}
+    assert found.log_time == 2_500_000
+
+
+def test_a_blf_holds_a_global_marker(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.blf")
+    reader = can.BLFReader(path)
+    assert len(list(reader)) == 3
+    reader.stop()
+    assert b"gate squeaks ? left" in unpacked(path)  # in ASCII, as python-can writes it
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".trc"])
+def test_text_logs_hold_a_comment(tmp_path: Path, suffix: str) -> None:
+    path = written(tmp_path / f"run{suffix}")
+    assert TEXT in path.read_text(encoding="utf-8")
+    assert len(messages_in(path)) == 3
+
+
+@pytest.mark.parametrize("suffix", RECORDED)
+def test_a_mark_changes_neither_rows_nor_frames(tmp_path: Path, suffix: str) -> None:
+    found = open_recording(written(tmp_path / f"run{suffix}"))
+    rows = sum(len(block) for block in found.rows(["time_s"])) if found.signals else 0
+    assert rows == (6 if FORMATS[suffix].has_rows else 0)
+    assert sum(len(block) for block in found.frames()) == (3 if FORMATS[suffix].has_frames else 0)
+    assert (suffix in WITH_MARKS) == (suffix not in (".csv", ".parquet", ".log"))

@@ -14,7 +14,7 @@ import pytest
 from hil_support import OPEN, both, command_frame, frames_of, loop_config, outside, start_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_support import BOTH, ROW, read_csv, rows_from, table_in
+from recording_support import BOTH, ROW, read_csv, recorded_rows, rows_from, table_in
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
@@ -74,15 +74,7 @@ def test_every_column_is_the_rows_value_of_its_name(
     """One row or many at a time; nothing is permuted, missing or doubled."""
     names, rows = columns_of(drives, offline), rows_from(0, 300)
     for blocks in ([rows], [rows[:1], rows[1:1], rows[1:]], [row[np.newaxis] for row in rows]):
-        path = tmp_path / f"table{suffix}"
-        recorder = open_writer(path, Content(names))
-        recorder.begin(0)
-        for block in blocks:
-            recorder.write_rows(block)
-            recorder.flush()
-        recorder.close()
-        assert recorder.failure == ""
-        assert recorder.files == [str(path)]
+        path = recorded_rows(tmp_path / f"table{suffix}", *blocks, content=Content(names))
         table = table_in(path)
         assert list(table) == names
         for name, values in table.items():
@@ -93,11 +85,7 @@ def test_every_column_is_the_rows_value_of_its_name(
 @pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
 @pytest.mark.filterwarnings("ignore")
 def test_a_column_carries_its_unit(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"table{suffix}"
-    recorder = open_writer(path, BOTH)
-    recorder.begin(0)
-    recorder.write_rows(rows_from(0, 3))
-    recorder.close()
+    path = recorded_rows(tmp_path / f"table{suffix}", rows_from(0, 3))
     assert unit_in(path, "gate_rate_degps") == "degps"
     assert unit_in(path, "latched") == ""
 
@@ -105,16 +93,11 @@ def test_a_column_carries_its_unit(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("suffix", TABLES)
 @pytest.mark.filterwarnings("ignore")
 def test_numbers_come_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"table{suffix}"
     rows = rows_from(0, len(NUMBERS))
     names = [name for name, signal in COLUMNS.items() if not signal.is_whole and name != "time_s"]
     for k, name in enumerate(names):
         rows[:, COLUMN_PLACE[name]] = np.roll(NUMBERS, k)
-    recorder = open_writer(path, BOTH)
-    recorder.begin(0)
-    recorder.write_rows(rows)
-    recorder.close()
-    table = table_in(path)
+    table = table_in(recorded_rows(tmp_path / f"table{suffix}", rows))
     for name in names:
         bits = np.ascontiguousarray(rows[:, COLUMN_PLACE[name]]).view(np.int64)
         assert np.array_equal(table[name].view(np.int64), bits), name
@@ -235,13 +218,7 @@ def test_rows_are_written_the_same_in_blocks_of_any_size() -> None:
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_plant_that_diverged_is_written_down_too(tmp_path: Path, value: float) -> None:
     for suffix in TABLES:
-        path = tmp_path / f"run{suffix}"
-        recorder = open_writer(path, BOTH)
-        recorder.begin(0)
-        recorder.write_rows(rows_from(0, 3))
-        recorder.write_rows(np.full((1, ROW_WIDTH), value))
-        recorder.close()
-        assert recorder.failure == ""
+        recorded_rows(tmp_path / f"run{suffix}", rows_from(0, 3), np.full((1, ROW_WIDTH), value))
     assert set((tmp_path / "run.csv").read_text().splitlines()[-1].split(",")) == {repr(value)}
 
 

@@ -7,10 +7,11 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from recording_support import BOTH, messages_in, read_csv, rows_from, sent, table_in
+from recording_support import BOTH, messages_in, read_csv, rows_from, sent, started, table_in
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.open import check_file, open_writer
@@ -32,19 +33,24 @@ def test_a_file_that_cannot_be_is_reported_before_the_run(
         check_file("record", name)
 
 
-@pytest.mark.parametrize("suffix", RECORDED)
-def test_a_folder_in_the_place_of_the_file_is_reported_before_the_run(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"taken{suffix}"
-    path.mkdir()
-    with pytest.raises(ConfigError, match="is a folder"):
-        check_file("record", str(path))
-
-
-@pytest.mark.parametrize("suffix", RECORDED)
-def test_a_link_to_itself_is_reported_before_the_run(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"loop{suffix}"
+def link_to_itself(path: Path) -> None:
     path.symlink_to(path)
-    with pytest.raises(ConfigError, match="symbolic links"):
+
+
+@pytest.mark.parametrize(
+    ("make", "suffix", "said"),
+    [
+        *((Path.mkdir, suffix, "is a folder") for suffix in RECORDED),
+        *((link_to_itself, suffix, "symbolic links") for suffix in RECORDED),
+        *((os.mkfifo, suffix, "a pipe or a device") for suffix in SPOILT),  # formats that are completed at the end
+    ],
+)
+def test_what_cannot_be_recorded_to_is_reported_before_the_run(
+    tmp_path: Path, make: Callable[[Path], None], suffix: str, said: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    make(path)
+    with pytest.raises(ConfigError, match=said):
         check_file("record", str(path))
 
 
@@ -76,28 +82,31 @@ def test_a_pipe_without_a_reader_is_reported_and_holds_nothing_up(tmp_path: Path
         open_writer(check_file("record", str(path)), BOTH)
 
 
-def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(tmp_path: Path) -> None:
-    path, told = tmp_path / "pipe.csv", list[str]()
+@pytest.fixture
+def pipe(tmp_path: Path) -> Iterator[tuple[Path, int]]:
+    """A pipe, and the descriptor of its reader."""
+    path = tmp_path / "pipe.csv"
     os.mkfifo(path)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        recorder = open_writer(path, BOTH, say=told.append, patience=0.01)
-        for first in range(0, 3000, 100):  # more than a pipe holds
-            recorder.write_rows(rows_from(first, 100))
-            recorder.flush()
-        recorder.close()
-        said = "its reader stalled for 0.01 s: unread and later rows or frames are lost"
-        assert told == [recorder.failure]
-        assert recorder.failure.endswith(said)
-        assert "recording ended at 0." in recorder.failure
-    finally:
-        os.close(reader)
+    yield path, reader
+    os.close(reader)
 
 
-def test_a_pipe_whose_reader_is_slow_gets_all_of_it(tmp_path: Path) -> None:
-    path, got = tmp_path / "pipe.csv", list[bytes]()
-    os.mkfifo(path)
-    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(pipe: tuple[Path, int]) -> None:
+    told: list[str] = []
+    recorder = open_writer(pipe[0], BOTH, say=told.append, patience=0.01)
+    for first in range(0, 3000, 100):  # more than a pipe holds
+        recorder.write_rows(rows_from(first, 100))
+        recorder.flush()
+    recorder.close()
+    said = "its reader stalled for 0.01 s: unread and later rows or frames are lost"
+    assert told == [recorder.failure]
+    assert recorder.failure.endswith(said)
+    assert "recording ended at 0." in recorder.failure
+
+
+def test_a_pipe_whose_reader_is_slow_gets_all_of_it(pipe: tuple[Path, int]) -> None:
+    (path, reader), got = pipe, list[bytes]()
 
     def read() -> None:
         os.set_blocking(reader, True)
@@ -110,30 +119,15 @@ def test_a_pipe_whose_reader_is_slow_gets_all_of_it(tmp_path: Path) -> None:
     recorder.write_rows(rows_from(0, 3000))
     recorder.close()
     thread.join()
-    os.close(reader)
     assert recorder.failure == ""
     assert b"".join(got).count(b"\n") == 3001
 
 
-def test_a_pipe_with_a_reader_gets_the_text(tmp_path: Path) -> None:
-    path = tmp_path / "pipe.csv"
-    os.mkfifo(path)
-    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        recorder = open_writer(path, BOTH)
-        recorder.write_rows(rows_from(0, 3))
-        recorder.close()
-        assert os.read(reader, 1 << 16).count(b"\n") == 4
-    finally:
-        os.close(reader)
-
-
-@pytest.mark.parametrize("suffix", SPOILT)
-def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"pipe{suffix}"
-    os.mkfifo(path)
-    with pytest.raises(ConfigError, match="a pipe or a device"):
-        check_file("record", str(path))
+def test_a_pipe_with_a_reader_gets_the_text(pipe: tuple[Path, int]) -> None:
+    recorder = open_writer(pipe[0], BOTH)
+    recorder.write_rows(rows_from(0, 3))
+    recorder.close()
+    assert os.read(pipe[1], 1 << 16).count(b"\n") == 4
 
 
 # Somebody else's.
@@ -143,12 +137,9 @@ def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(tmp_p
 @pytest.mark.filterwarnings("ignore")
 def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    first = open_writer(path, BOTH)
-    first.begin(0)
+    first = started(path)
     with pytest.raises(ConfigError, match=r"^`record` .*another recording is being written to it"):
         open_writer(path, BOTH)
-    first.write_rows(rows_from(0, 3))
-    first.write_frames(sent([(0x120, b"a")]))
     first.close()
     assert first.failure == ""
     assert path.stat().st_size > 30
@@ -157,16 +148,16 @@ def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", SPOILT)
 def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
+    path, left = tmp_path / f"run{suffix}", ".log" if FORMATS[suffix].has_frames else ".csv"
+    salvage = path.with_name(path.name + left)
     path.write_bytes(b"before")
-    for left in (".log" if FORMATS[suffix].has_frames else ".csv",):
-        salvage = path.with_name(path.name + left)
-        salvage.write_text("all that there is")
-        with pytest.raises(ConfigError, match=f"run{suffix}{left}: already exists, left by"):
-            open_writer(path, BOTH)
-        assert salvage.read_text() == "all that there is"
-    assert path.read_bytes() == b"before"
-    assert len(list(tmp_path.iterdir())) == 2
+    salvage.write_text("all that there is")
+    with pytest.raises(ConfigError, match=f"run{suffix}{left}: already exists, left by"):
+        open_writer(path, BOTH)
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == {
+        path.name: b"before",
+        salvage.name: b"all that there is",
+    }
 
 
 # Until it is complete.
@@ -176,10 +167,7 @@ def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str)
 @pytest.mark.filterwarnings("ignore")
 def test_until_it_is_complete_there_is_text_beside_it(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    recorder = open_writer(path, BOTH)
-    recorder.begin(0)
-    recorder.write_rows(rows_from(0, 3))
-    recorder.write_frames(sent([(0x120, b"a")]))
+    recorder = started(path)
     recorder.flush()
     if FORMATS[suffix].has_frames:
         assert len(messages_in(tmp_path / f"run{suffix}.log")) == 1
@@ -195,10 +183,7 @@ def test_a_file_that_cannot_be_completed_leaves_the_text(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"run{suffix}"
-    recorder = open_writer(path, BOTH)
-    recorder.begin(0)
-    recorder.write_rows(rows_from(0, 3))
-    recorder.write_frames(sent([(0x120, b"a")]))
+    recorder = started(path)
     inner = recorder._parts._part._recorder  # type: ignore[attr-defined]
 
     def fail() -> None:
@@ -232,10 +217,7 @@ def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_pat
 
 @pytest.fixture(scope="module")
 def on_a_full_disk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[str]]]:
-    """The folder of recordings on a full disk, and by suffix what was said of each and which files it has.
-
-    In a process of its own, whose files may not grow beyond 100 kB: loading the formats' packages takes a second.
-    """
+    """A folder of recordings, in files of 100 kB at most; by suffix what was said, and which files each has."""
     base = tmp_path_factory.mktemp("full")
     code = f"""
 import json, resource, sys, warnings

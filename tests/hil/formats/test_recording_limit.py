@@ -10,6 +10,7 @@ import pytest
 from recording_support import BOTH, messages_in, read_csv, rows_from, sent
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.guarded import GuardedWriter
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.formats.suffixes import FORMATS
@@ -35,6 +36,12 @@ def recorded(path: Path, limit: Limit, rows: int, frames: int) -> list[Path]:
     recorder.close()
     assert recorder.failure == ""
     return [Path(name) for name in recorder.files]
+
+
+def write_many(recorder: GuardedWriter) -> None:
+    """More rows than a file of the limit holds."""
+    for k in range(30):
+        recorder.write_rows(rows_from(100 * k, 100))
 
 
 @pytest.mark.parametrize("suffix", BUS)
@@ -125,8 +132,7 @@ def test_what_has_replaced_an_earlier_file_meanwhile_is_not_deleted(tmp_path: Pa
     first = recorded(path, limit, 5000, 0)
     recorder = open_writer(path, BOTH, limit)
     aside_of(first[-1]).write_text("somebody's")
-    for k in range(30):
-        recorder.write_rows(rows_from(100 * k, 100))
+    write_many(recorder)
     recorder.close()
     assert recorder.failure == ""
     assert len(recorder.files) == 3
@@ -138,8 +144,7 @@ def test_an_input_stays_whatever_it_is_called(tmp_path: Path) -> None:
     files = recorded(path, limit, 5000, 0)
     content = files[0].read_bytes()
     recorder = open_writer(path, replace(BOTH, inputs=[files[0]]), limit)
-    for k in range(30):
-        recorder.write_rows(rows_from(100 * k, 100))
+    write_many(recorder)
     recorder.close()
     assert files[0].read_bytes() == content
 
@@ -147,8 +152,7 @@ def test_an_input_stays_whatever_it_is_called(tmp_path: Path) -> None:
 def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     first = open_writer(path, BOTH, Limit(LIMIT, keep=2))
-    for k in range(30):
-        first.write_rows(rows_from(100 * k, 100))
+    write_many(first)
     with pytest.raises(ConfigError, match="another recording is being written to it"):
         open_writer(path, BOTH, Limit(LIMIT))
     first.close()

@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from recording_support import BOTH, rows_from, sent
+from recording_support import BOTH, recorded_rows, rows_from, sent
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.ours import _is_our_table, is_ours
-from liftgate_hil.formats.suffixes import FORMATS, RECORDED
+from liftgate_hil.formats.suffixes import RECORDED
 from liftgate_hil.formats.target import aside_of, set_aside
 from liftgate_hil.signals import columns_of
 
@@ -108,12 +108,13 @@ def test_a_log_that_was_changed_since_is_not_ours(tmp_path: Path, suffix: str) -
     assert not is_ours(path)
 
 
-def test_without_extended_attributes_logs_are_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> bytes:
-        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+def unsupported(*_: object) -> bytes:
+    raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
-    monkeypatch.setattr(os, "setxattr", refuse)
-    monkeypatch.setattr(os, "getxattr", refuse)
+
+def test_without_extended_attributes_logs_are_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "setxattr", unsupported)
+    monkeypatch.setattr(os, "getxattr", unsupported)
     path = tmp_path / "run.log"
     contents = [record(path, first) for first in range(3)]
     assert {each.read_bytes() for each in tmp_path.iterdir()} == {*contents}
@@ -122,11 +123,8 @@ def test_without_extended_attributes_logs_are_not_ours(tmp_path: Path, monkeypat
 @pytest.mark.parametrize(("drives", "offline"), [(1, False), (2, False), (1, True), (2, True)])
 @pytest.mark.parametrize("epoch_ns", [0, 10**18])
 def test_every_table_of_ours_is_known(tmp_path: Path, drives: int, offline: bool, epoch_ns: int) -> None:
-    path = tmp_path / "run.csv"
-    recorder = open_writer(path, Content(columns_of(drives, offline)))
-    recorder.begin(epoch_ns)
-    recorder.close()
-    assert is_ours(path)
+    content = Content(columns_of(drives, offline))
+    assert is_ours(recorded_rows(tmp_path / "run.csv", content=content, epoch_ns=epoch_ns))
 
 
 @pytest.mark.parametrize("link", [os.link, os.symlink])
@@ -214,13 +212,6 @@ def test_set_aside_takes_the_first_free_name(tmp_path: Path) -> None:
     assert set_aside(path) is None
 
 
-def test_every_format_is_known_as_ours_or_signed(tmp_path: Path) -> None:
-    for suffix in FORMATS:
-        if suffix in RECORDED:
-            record(tmp_path / f"run{suffix}", 0)
-            assert is_ours(tmp_path / f"run{suffix}"), suffix
-
-
 @pytest.mark.parametrize("added", ["# a good run\n", "9,9\n", "\n"])
 def test_a_table_of_ours_to_which_somebody_has_added_is_not_ours(tmp_path: Path, added: str) -> None:
     path = tmp_path / "run.csv"
@@ -246,9 +237,6 @@ def test_a_table_that_pandas_has_written_back_is_somebody_elses(tmp_path: Path) 
 def test_where_no_attributes_are_a_table_is_known_by_its_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def unsupported(*_: object) -> bytes:
-        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
-
     monkeypatch.setattr(os, "getxattr", unsupported)
     path = tmp_path / "run.csv"
     content = record(path, 0)

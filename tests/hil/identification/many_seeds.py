@@ -25,6 +25,7 @@ from tests.hil.identification.simulated import (
     sought,
     there_and_back,
     true_vehicle,
+    with_outputs,
 )
 from tests.plant.runs import suv
 
@@ -44,24 +45,19 @@ def of_white_noise(model: str, seeds: Iterable[int]) -> np.ndarray:
 
 def counted(data: Data) -> Data:
     """The position as a Hall counter shows it."""
-    outputs = dict(data.outputs)
-    position = outputs["left_position_rev"]
-    outputs["left_position_rev"] = np.floor(COUNTS_PER_REV * position + 0.5) / COUNTS_PER_REV
-    return dataclasses.replace(data, outputs=outputs)
+    counts = np.floor(COUNTS_PER_REV * data.outputs["left_position_rev"] + 0.5)
+    return with_outputs(data, left_position_rev=counts / COUNTS_PER_REV)
 
 
 def as_any_number(data: Data) -> Data:
     """The same counts with one that is none, so that each sample is compared as it is."""
-    outputs = dict(data.outputs)
-    outputs["left_position_rev"] = outputs["left_position_rev"].copy()
-    outputs["left_position_rev"][5] += 0.05
-    return dataclasses.replace(data, outputs=outputs)
+    position = data.outputs["left_position_rev"].copy()
+    position[5] += 0.05
+    return with_outputs(data, left_position_rev=position)
 
 
 def of_hall_counts(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Of a gate that opens for 0.6 s and rests: (seeds, resistance, inertia, preload), and where each sample is
-    compared as it is: the last count is wrong by up to an eighth of a turn, 3400 times.
-    """
+    """(seeds, parameters) of a gate that opens and rests; and with each sample taken as it is, rests included."""
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
     vehicle = true_vehicle()
     times = np.arange(4001) / 1000.0
@@ -116,9 +112,7 @@ SMALL = {name: 0.02 * std for name, std in NOISE.items()}
 
 
 def stamped(std: float, seed: int, noise: dict[str, float] = SMALL, seconds: float = 3.0) -> Data:
-    """A log of 200 Hz with a command every 10 ms, up and down in ramps with a stop in between. Each acts 3.5 ms
-    after its stamp and what a normal distribution of `std` seconds adds.
-    """
+    """A log of 200 Hz; commands, each 10 ms, act 3.5 ms after their stamps, with a normal scatter of `std` s."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(0.0, seconds, 0.01)
     ramp = np.interp(stamps / seconds, [0.0, 0.1, 0.4, 0.5, 0.6, 0.9, 1.0], [4, 12, 9, 9, -4, -9, -6])
@@ -140,17 +134,9 @@ def stamped(std: float, seed: int, noise: dict[str, float] = SMALL, seconds: flo
 
 def with_delay(data: list[Data], are_bus_logs: bool = True) -> Identification:
     """What is found with the delay unknown; the scatter is looked for in bus logs."""
-    return fitted(
-        Problem(
-            suv(),
-            "third-order",
-            sought([*SCATTERED_TRUTH]),
-            [dataclasses.replace(each, through_sensors=are_bus_logs) for each in data],
-            list(data[0].outputs),
-            ANGLE_DEG,
-            is_delay_sought=True,
-        )
-    )
+    logs = [dataclasses.replace(each, through_sensors=are_bus_logs) for each in data]
+    names, outputs = sought([*SCATTERED_TRUTH]), list(data[0].outputs)
+    return fitted(Problem(suv(), "third-order", names, logs, outputs, ANGLE_DEG, is_delay_sought=True))
 
 
 class Scattered(NamedTuple):
@@ -188,7 +174,7 @@ def opening(seed: int | None, quantum: float = 0.0) -> Data:
     if not quantum:
         return data
     counts = np.rint(data.outputs["left_position_rev"] / quantum) * quantum
-    return dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+    return with_outputs(data, left_position_rev=counts)
 
 
 def thinned_problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
@@ -222,9 +208,7 @@ VALLEY_FACTORS = {
 
 
 def of_neighbouring_minima(seed: int) -> np.ndarray:
-    """(parameters,), of 8 s at 1 kHz: of half as many rows, or half as long, the data have no minima beside each
-    other, or tell less than the standard deviations say.
-    """
+    """(parameters,), of 8 s at 1 kHz: shorter data have no such minima, or tell less than their std says."""
     vehicle = vehicle_from("compact")
     truth = {
         name: factor * value_of(vehicle, find_parameter(vehicle, name)) for name, factor in VALLEY_FACTORS.items()
@@ -234,7 +218,6 @@ def of_neighbouring_minima(seed: int) -> np.ndarray:
     noise = {"left_current_a": 0.05, "left_position_rev": 0.0}
     data = measured(true_vehicle(truth, "compact"), "full", noise, seed, 0.0, (times, volts))
     counts = np.floor(data.outputs["left_position_rev"] / QUANTUM) * QUANTUM
-    data = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
-    result = estimated(vehicle, "full", list(truth), [data], 0.0)
+    result = estimated(vehicle, "full", list(truth), [with_outputs(data, left_position_rev=counts)], 0.0)
     assert result.loss < result.loss_initial == result.history[0]
     return scores(result, truth)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.search import past_kinks, search
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
-from tests.hil.identification.simulated import measured, scores, sought, true_vehicle
+from tests.hil.identification.simulated import later, measured, scores, sought, true_vehicle
 
 
 def pauses(volts: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
@@ -44,14 +43,7 @@ def begun_later(
     vehicle: Vehicle, drive: Sequence[tuple[float, float]], cut: float, noise: Mapping[str, float], seed: int
 ) -> Data:
     """What is measured from `cut` [s] on of a run from closed."""
-    whole = measured(vehicle, "full", noise, seed, 0.0, pauses(drive))
-    first = int(np.searchsorted(whole.times, cut))
-    return dataclasses.replace(
-        whole,
-        times=whole.times[first:],
-        inputs=whole.inputs[first:],
-        outputs={key: values[first:] for key, values in whole.outputs.items()},
-    )
+    return later(measured(vehicle, "full", noise, seed, 0.0, pauses(drive)), cut, from_zero=False)
 
 
 # Vehicle, drive, and where it is cut [s].

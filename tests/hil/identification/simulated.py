@@ -60,22 +60,31 @@ def measured(
     given = {"left_voltage_v": volts}
     given |= {key: np.broadcast_to(value, len(times)) for key, value in columns.items()}
     inputs = rows_of(given, len(times))
-    out = trajectory(
-        plant_of(vehicle),
-        sensors or Sensors(),
-        load_of(vehicle)._replace(latch_released=1.0),
-        REST._replace(angle=math.radians(angle_deg)) if start is None else start,
-        MODELS[model],
-        times,
-        inputs,
-        1e-3,
-    )
+    begin = REST._replace(angle=math.radians(angle_deg)) if start is None else start
+    plant, load = plant_of(vehicle), load_of(vehicle)._replace(latch_released=1.0)
+    out = trajectory(plant, sensors or Sensors(), load, begin, MODELS[model], times, inputs, 1e-3)
     rng = np.random.default_rng(seed)
     outputs = {}
     for key, std in noise.items():
         clean = out[:, OUTPUTS.index(key)]
         outputs[key] = clean + std * rng.standard_normal(len(times)) * (seed is not None)
     return Data(name, times, inputs, outputs, sensors is not None)
+
+
+def with_outputs(data: Data, **outputs: np.ndarray) -> Data:
+    """The same measurement with these outputs in place of, or beside, its own."""
+    return dataclasses.replace(data, outputs={**data.outputs, **outputs})
+
+
+def later(data: Data, seconds: float, from_zero: bool = True) -> Data:
+    """The same measurement, begun that much later; its clock begins again, or goes on."""
+    first = int(np.searchsorted(data.times, seconds))
+    return dataclasses.replace(
+        data,
+        times=data.times[first:] - data.times[first] * from_zero,
+        inputs=data.inputs[first:],
+        outputs={name: values[first:] for name, values in data.outputs.items()},
+    )
 
 
 def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) -> list[Sought]:

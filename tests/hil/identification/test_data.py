@@ -19,7 +19,8 @@ from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant import gate
 from liftgate_plant.rows import INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of
-from tests.hil.identification.simulated import measured
+from tests.hil.identification.many_seeds import counted
+from tests.hil.identification.simulated import later, measured, with_outputs
 from tests.plant.runs import suv
 
 POSITION = {"left_position_rev": 0.1}
@@ -28,19 +29,10 @@ ANGLE = {"gate_angle_deg": 0.02}
 LATCH = np.array([name == "latch_released" for name in INPUT_COLUMNS])
 
 
-def later(data: Data, seconds: float) -> Data:
-    """The same measurement, begun that much later."""
-    first = int(np.searchsorted(data.times, seconds))
-    return dataclasses.replace(
-        data,
-        times=data.times[first:] - data.times[first],
-        inputs=data.inputs[first:],
-        outputs={name: values[first:] for name, values in data.outputs.items()},
-    )
-
-
-def scaled(noise: dict[str, float], factor: float) -> dict[str, float]:
-    return {name: factor * std for name, std in noise.items()}
+def opening(rest: float, seconds: float = 2.0, rate: float = 200.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and 12 V after a rest."""
+    times = np.arange(round(seconds * rate) + 1) / rate
+    return times, np.where(times < rest, 0.0, 12.0)
 
 
 @settings(max_examples=60, deadline=None)
@@ -54,9 +46,9 @@ def scaled(noise: dict[str, float], factor: float) -> dict[str, float]:
 def test_rest_and_motion_are_distinguished_whatever_the_noise(
     noise: dict[str, float], factor: float, seed: int, rate: float, sign: float
 ) -> None:
-    times = np.arange(round(2.0 * rate) + 1) / rate
-    drive = (times, np.where(times < 0.2, 0.0, sign * 12.0))
-    data = measured(suv(), "full", scaled(noise, factor), seed, 40.0, drive)
+    times, volts = opening(0.2, 2.0, rate)
+    scaled = {name: factor * std for name, std in noise.items()}
+    data = measured(suv(), "full", scaled, seed, 40.0, (times, sign * volts))
     assert begins_at_rest(data)
     assert not begins_at_rest(later(data, 1.0))
 
@@ -64,36 +56,30 @@ def test_rest_and_motion_are_distinguished_whatever_the_noise(
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), phase=st.floats(0.0, 1.0))
 def test_rest_and_motion_are_distinguished_from_counts(seed: int, phase: float) -> None:
-    times = np.arange(2001) / 1000.0
-    drive = (times, np.where(times < 0.2, 0.0, 12.0))
-    data = measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive)
-    counts = np.floor(4.0 * data.outputs["left_position_rev"] + 0.5) / 4.0
-    data = dataclasses.replace(data, outputs={"left_position_rev": counts})
+    drive = opening(0.2, 2.0, 1000.0)
+    data = counted(measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive))
     assert begins_at_rest(data)
     assert not begins_at_rest(later(data, 1.0))
 
 
 def test_a_start_with_the_first_sample_is_a_start_from_rest() -> None:
-    times = np.arange(401) / 200.0
     for noise in (POSITION, SPEED, ANGLE):
-        data = measured(suv(), "full", noise, 1, 40.0, (times, np.full(401, 12.0)))
-        assert begins_at_rest(data)
+        assert begins_at_rest(measured(suv(), "full", noise, 1, 40.0, opening(0.0)))
 
 
 @pytest.mark.parametrize("volts", [6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0])
 @pytest.mark.parametrize("quantum", [0.25, 0.5])
 def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: float, quantum: float) -> None:
-    times = np.arange(3001) / 1000.0
+    times, _ = opening(0.0, 3.0, 1000.0)
     data = measured(suv(), "full", {"left_position_rev": 0.0}, None, 20.0, (times, np.full(3001, volts)))
-    counts = quantum * np.floor(data.outputs["left_position_rev"] / quantum)
-    data = dataclasses.replace(data, outputs={"left_position_rev": counts})
+    data = with_outputs(data, left_position_rev=quantum * np.floor(data.outputs["left_position_rev"] / quantum))
     assert begins_at_rest(data)
     assert not begins_at_rest(later(data, 1.0))
 
 
 def test_a_zero_before_the_first_difference_of_a_position_is_no_rest() -> None:
-    times = np.arange(2001) / 1000.0
-    data = later(measured(suv(), "full", {"left_speed_rps": 0.0}, None, 40.0, (times, np.full(2001, 12.0))), 1.0)
+    whole = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 40.0, opening(0.0, 2.0, 1000.0))
+    data = later(whole, 1.0)
     speed = data.outputs["left_speed_rps"].copy()
     speed[0] = 0.0
     assert not begins_at_rest(dataclasses.replace(data, outputs={"left_speed_rps": speed}))
@@ -111,9 +97,9 @@ def test_a_known_angle_leaves_nothing_to_estimate() -> None:
     assert begin.start.balanced == 0.0
 
 
-def test_a_gate_at_rest_near_closed_begins_closed() -> None:
-    times = np.arange(201) / 200.0
-    data = measured(suv(), "full", ANGLE, 1, 0.0, (times, np.where(times < 0.5, 0.0, 12.0)))
+@pytest.mark.parametrize(("noise", "seed"), [(0.02, 1), *((0.3, seed) for seed in range(10))])
+def test_a_gate_at_rest_near_closed_begins_closed_however_noisy_its_angle(noise: float, seed: int) -> None:
+    data = measured(suv(), "full", {"gate_angle_deg": noise}, seed, 0.0, opening(0.3, 1.0, 1000.0))
     begin = beginning_of(suv(), data, 0, None, True)
     assert begin.start.angle == 0.0
     assert begin.unknowns == ()
@@ -128,9 +114,7 @@ def test_a_latched_gate_begins_closed_and_latched() -> None:
 
 def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
     plant = plant_of(suv())
-    times = np.arange(401) / 200.0
-    drive = (times, np.where(times < 0.5, 0.0, 12.0))
-    data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, drive)
+    data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, opening(0.5))
     begin = beginning_of(suv(), data, 0, None, True)
     shown = math.degrees(rigid.angle_at(plant.link, plant.left.travel * begin.start.left_position))
     assert shown == pytest.approx(35.0, abs=0.1)
@@ -155,10 +139,9 @@ def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
 def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None:
     plant = plant_of(suv())
     data = later(measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
-    outputs = dict(data.outputs)
-    outputs["left_position_rev"] = outputs["left_position_rev"] + 1000.0
-    begin = beginning_of(suv(), dataclasses.replace(data, outputs=outputs), 0, None, False)
-    angle = math.radians(first_sample(outputs["gate_angle_deg"]))
+    unset = with_outputs(data, left_position_rev=data.outputs["left_position_rev"] + 1000.0)
+    begin = beginning_of(suv(), unset, 0, None, False)
+    angle = math.radians(first_sample(data.outputs["gate_angle_deg"]))
     expected = gate.extension(plant.link, angle) / plant.left.travel
     assert begin.start.left_position == pytest.approx(expected)
     offset = {each.name: each.value for each in begin.unknowns}["left_offset"]
@@ -174,24 +157,10 @@ def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
     assert begin.unknowns[0].name == "speed"
 
 
-def test_a_closed_gate_is_one_however_noisy_its_angle() -> None:
-    times = np.arange(1001) / 1000.0
-    for seed in range(10):
-        drive = (times, np.where(times < 0.3, 0.0, 12.0))
-        data = measured(suv(), "full", {"gate_angle_deg": 0.3}, seed, 0.0, drive)
-        assert beginning_of(suv(), data, 0, None, True).unknowns == ()
-
-
-def test_a_motion_without_a_place_is_refused() -> None:
-    data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
-    with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
-        beginning_of(suv(), data, 0, None, True)
-
-
-def test_the_measurement_without_an_initial_condition_is_named() -> None:
+def test_a_motion_without_a_place_is_refused_with_the_name_of_its_measurement() -> None:
     good = measured(suv(), "full", SPEED, 1, 0.0, name="good.csv")
     late = later(measured(suv(), "full", SPEED, 1, 20.0, name="late.csv"), 0.5)
-    with pytest.raises(ValueError, match=r"^late\.csv: begins in motion"):
+    with pytest.raises(ValueError, match=r"^late\.csv: begins in motion.*allowed"):
         Problem(suv(), "full", [], [good, late], list(SPEED), None)
 
 
@@ -222,23 +191,12 @@ def test_the_first_sample_is_the_first_there_is() -> None:
     assert math.isnan(first_sample(None))
 
 
-def heavy_suv() -> Vehicle:
-    return vehicle_from("heavy-suv")
-
-
 def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
-    cold, warm = suv(), heavy_suv()
+    cold, warm = suv(), vehicle_from("heavy-suv")
     assert warm.left.thermal.enabled > 0.0
     for vehicle, expected in ((cold, False), (warm, True)):
         whole = measured(vehicle, "full", {"left_position_rev": 0.0}, angle_deg=20.0)
-        row = 300
-        cut = Data(
-            "cut",
-            whole.times[row:],
-            whole.inputs[row:],
-            {name: values[row:] for name, values in whole.outputs.items()},
-        )
-        begin = beginning_of(vehicle, cut, 0, None, True)
+        begin = beginning_of(vehicle, later(whole, 1.5, from_zero=False), 0, None, True)
         assert begin.start.balanced == 1.0
         assert ("warmth" in [each.name for each in begin.unknowns]) == expected
 
@@ -270,9 +228,7 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
 
 def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: float = 0.0) -> Data:
     """Half a second of rest before an opening; the clock shows `cut` where it begins."""
-    times = np.arange(401) / 200.0
-    drive = (times, np.where(times < 0.5, 0.0, 12.0))
-    data = measured(vehicle, "full", noise, 1, angle_deg, drive, latch_released=0.0)
+    data = measured(vehicle, "full", noise, 1, angle_deg, opening(0.5), latch_released=0.0)
     return dataclasses.replace(data, times=data.times + cut)
 
 
@@ -282,12 +238,12 @@ def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: floa
 def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_long(
     angle_deg: float, cut: float, expected: bool
 ) -> None:
-    data = pause(heavy_suv(), angle_deg, {**POSITION, **ANGLE}, cut)
-    begin = beginning_of(heavy_suv(), data, 0, None, True)
+    data = pause(vehicle_from("heavy-suv"), angle_deg, {**POSITION, **ANGLE}, cut)
+    begin = beginning_of(vehicle_from("heavy-suv"), data, 0, None, True)
     names = {each.name for each in begin.unknowns}
     assert ({"warmth", "housing_warmth", "right_ahead", "left_position"} <= names) == expected
     assert (begin.start.balanced == 1.0) == expected
-    assert beginning_of(heavy_suv(), data, 0, angle_deg, True).unknowns == ()
+    assert beginning_of(vehicle_from("heavy-suv"), data, 0, angle_deg, True).unknowns == ()
 
 
 @pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
@@ -295,9 +251,8 @@ def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_lo
 def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
     noise: dict[str, float], released: float
 ) -> None:
-    times = np.arange(1001) / 1000.0
-    drive = (times, np.where(times < 0.5, 0.0, 12.0))
     for seed in range(5):
+        drive = opening(0.5, 1.0, 1000.0)
         data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)
         begin = beginning_of(suv(), data, 0, None, True)
         assert (begin.start.balanced, begin.unknowns) == (0.0, ())
@@ -314,9 +269,7 @@ def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_kn
 
 
 def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
-    times = np.arange(3001) / 1000.0
-    drive = (times, np.where(times < 0.5, 0.0, 12.0))
-    data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, drive)
+    data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, opening(0.5, 3.0, 1000.0))
     for factor in (10, 50, 100):
         few = thinned(data, None, factor, 0.25)
         assert beginning_of(suv(), few, 0, None, True).unknowns == ()

@@ -1,4 +1,4 @@
-"""Currents that are not zero at rest, and data in which nothing drives."""
+"""What data give away: currents at rest, nothing that drives, another unit or sign."""
 
 from __future__ import annotations
 
@@ -11,9 +11,18 @@ import pytest
 from liftgate_hil.identification.data import Data
 from liftgate_hil.identification.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
 from liftgate_hil.identification.fit import validated
+from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.reporting.findings import validation_warnings, warnings_of
-from tests.hil.identification.simulated import estimated, measured, sought, true_vehicle
+from tests.hil.identification.simulated import (
+    estimated,
+    later,
+    measured,
+    sought,
+    there_and_back,
+    true_vehicle,
+    with_outputs,
+)
 
 ALL = {"left_current_a": 0.05, "left_speed_rps": 0.5, "left_position_rev": 0.1, "gate_angle_deg": 0.1}
 CURRENT = {"left_current_a": 0.05}
@@ -29,9 +38,7 @@ def later_driven(
     data = measured(
         true_vehicle(), noise=noise, seed=seed, drive=(times, np.where(times < first, 0.0, 12.0)), **columns
     )
-    return dataclasses.replace(
-        data, outputs={**data.outputs, "left_current_a": data.outputs["left_current_a"] + offset}
-    )
+    return with_outputs(data, left_current_a=data.outputs["left_current_a"] + offset)
 
 
 def problem_of(data: Data) -> Problem:
@@ -51,12 +58,15 @@ def test_a_current_at_rest_is_told_as_an_offset(noise: dict[str, float]) -> None
 def test_noise_and_rounding_at_rest_are_no_offset(noise: dict[str, float], seed: int) -> None:
     assert offsets_at_rest(problem_of(later_driven(noise, seed=seed))) == []
     coarse = later_driven(noise, 0.06, seed)
-    rounded = {**coarse.outputs, "left_current_a": np.round(coarse.outputs["left_current_a"] / 0.1) * 0.1}
-    assert offsets_at_rest(problem_of(dataclasses.replace(coarse, outputs=rounded))) == []
+    rounded = with_outputs(coarse, left_current_a=np.round(coarse.outputs["left_current_a"] / 0.1) * 0.1)
+    assert offsets_at_rest(problem_of(rounded)) == []
 
 
-def test_a_current_from_the_first_sample_on_is_that_of_the_voltage() -> None:
+def test_a_current_from_the_first_sample_on_or_before_the_voltage_s_stamp_may_be_of_the_voltage() -> None:
     assert offsets_at_rest(problem_of(later_driven(offset=0.5, first=0.0))) == []
+    problem = problem_of(later_driven(offset=0.5, first=0.06))
+    assert offsets_at_rest(problem) != []
+    assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
 
 
 def test_a_motor_that_is_turned_by_hand_has_a_current() -> None:
@@ -110,15 +120,9 @@ def test_a_gap_through_which_the_motor_is_driven_is_warned_of() -> None:
     assert driven_through_gaps([data, without(0.02, 0.28), without(0.8, 0.9)]) == []
 
 
-def test_a_current_before_the_timestamp_of_a_voltage_may_be_of_the_voltage() -> None:
-    problem = problem_of(later_driven(offset=0.5, first=0.06))
-    assert offsets_at_rest(problem) != []
-    assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
-
-
-@pytest.mark.parametrize(("begin", "disturbed", "is_told"), [(0, 15, True), (0, 0, False), (100, 0, False)])
+@pytest.mark.parametrize(("begin", "disturbed", "is_told"), [(0.0, 15, True), (0.0, 0, False), (0.5, 0, False)])
 def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
-    begin: int, disturbed: int, is_told: bool
+    begin: float, disturbed: int, is_told: bool
 ) -> None:
     """Not so a true one, of data that are cut out of a motion."""
     times = np.arange(401) / 200.0
@@ -126,12 +130,49 @@ def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
     data = measured(true_vehicle(), noise=ALL, seed=2, angle_deg=20.0, drive=(times, volts))
     speed = data.outputs["left_speed_rps"].copy()
     speed[:disturbed] += 8.0
-    outputs = {**data.outputs, "left_speed_rps": speed}
-    cut = dataclasses.replace(
-        data,
-        times=times[begin:] - times[begin],
-        inputs=data.inputs[begin:],
-        outputs={name: values[begin:] for name, values in outputs.items()},
-    )
+    cut = later(with_outputs(data, left_speed_rps=speed), begin)
     result = estimated(true_vehicle(), "full", ["motor.resistance"], [cut], None)
     assert bool([each for each in result.data_warnings if "the initial speed was estimated" in each]) == is_told
+
+
+# Hints on another unit or sign: none where another cause is as likely.
+
+
+def hints_on(data: Data) -> list[str]:
+    problem = problem_of(data)
+    return hints(problem, problem.initial)
+
+
+def test_other_inputs_must_explain_every_output() -> None:
+    data = measured(true_vehicle(), seed=1)
+    reversed_inputs = dataclasses.replace(data, inputs=-1.0 * data.inputs)
+    (hint,) = hints_on(reversed_inputs)
+    assert hint.startswith("with reversed inputs it follows")
+    noise = np.random.default_rng(1).standard_normal(len(data.times))
+    angle = data.outputs["gate_angle_deg"]
+    found = hints_on(with_outputs(reversed_inputs, gate_angle_deg=angle + np.std(angle) * noise))
+    assert not [each for each in found if "inputs" in each]
+
+
+def test_inputs_without_effect_explain_nothing() -> None:
+    times, volts = there_and_back()
+    data = measured(true_vehicle(), seed=1, drive=(times, 0.0 * volts), hand_force_n=400.0)
+    assert hints_on(data) == []
+
+
+def test_an_offset_is_not_taken_for_a_scale() -> None:
+    data = measured(true_vehicle(), seed=1)
+    for change, count in ((data.outputs["gate_angle_deg"] + 60.0, 0), (3.0 * data.outputs["gate_angle_deg"], 1)):
+        assert len(hints_on(with_outputs(data, gate_angle_deg=change))) == count
+
+
+def test_magnitudes_in_place_of_values_with_a_sign_are_told() -> None:
+    data = measured(true_vehicle(), seed=1)
+    size = with_outputs(data, left_current_a=np.abs(data.outputs["left_current_a"]))
+    assert "left_current_a has no negative values: was only its magnitude recorded?" in hints_on(size)
+    unsigned = dataclasses.replace(data, inputs=np.abs(data.inputs))
+    assert (
+        "left_speed_rps has negative values, and no voltage or duty has: were only their magnitudes recorded?"
+        in hints_on(unsigned)
+    )
+    assert not [each for each in hints_on(data) if "magnitude" in each]

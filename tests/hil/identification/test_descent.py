@@ -27,18 +27,12 @@ def test_a_step_is_the_bounded_least_squares_one(seed: int) -> None:
     assert np.all((step >= low) & (step <= high))
 
 
-def test_it_takes_few_simulations() -> None:
+def test_it_takes_few_simulations_and_never_goes_up() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
-    place = place_at(one, one.initial, None)
-    end = descend(one, place, range(5), None, 100)
+    end = descend(one, place_at(one, one.initial, None), range(5), None, 100)
     assert end.stop_reason.startswith("converged")
     # Four sets of one-sided slopes and one of central ones, and a trial for each step.
     assert one.evaluations <= 45
-
-
-def test_it_never_goes_up() -> None:
-    one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
-    end = descend(one, place_at(one, one.initial, None), range(5), None, 100)
     assert np.all(np.diff(end.history) < 0.0)
     assert place_at(one, end.place.point, None).deviance == end.place.deviance
 

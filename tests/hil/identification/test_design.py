@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from liftgate_hil.identification.design import Candidate, candidates, noise_of, plan, prbs
-from tests.hil.identification.simulated import TRUTH, estimated, measured, sought
+from tests.hil.identification.many_seeds import counted
+from tests.hil.identification.simulated import NOISE, TRUTH, estimated, measured, sought
 from tests.plant.runs import suv
 
-OUTPUTS = ["left_current_a", "left_speed_rps", "gate_angle_deg"]
-NOISE = {"left_current_a": 0.05, "left_speed_rps": 0.5, "gate_angle_deg": 0.1}
+OUTPUTS = [*NOISE]
 
 
 def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
@@ -153,9 +152,7 @@ def test_positions_are_expected_to_tell_what_counts_tell(rate: float) -> None:
     offered = [Candidate("there and back", times, volts, 20.0, 0.0)]
     (expected,) = plan(vehicle, "third-order", sought(names), outputs, offered).ranked
     noise = {"left_current_a": 0.05, "left_position_rev": 0.0}
-    data = measured(vehicle, "third-order", noise, 1, drive=(times, volts))
-    counts = np.floor(4.0 * data.outputs["left_position_rev"] + 0.5) / 4.0
-    data = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+    data = counted(measured(vehicle, "third-order", noise, 1, drive=(times, volts)))
     result = estimated(vehicle, "third-order", names, [data])
     found = [each.std / start.initial for each, start in zip(result.parameters, sought(names), strict=True)]
     ratio = np.array(found) / expected.relative_std

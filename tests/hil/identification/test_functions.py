@@ -69,7 +69,7 @@ def test_a_result_is_validated_without_a_file(opening: Path, tmp_path: Path) -> 
 
 
 def test_a_result_that_cannot_be_written_is_in_the_error(opening: Path) -> None:
-    with pytest.raises(NotWrittenError, match="`html` /dev/full: cannot be written") as caught:
+    with pytest.raises(NotWrittenError, match="`html` /dev/full: cannot be written: No space") as caught:
         lh.validate(opening, ideal=True, html="/dev/full")
     result = caught.value.result
     assert isinstance(result, Validation)

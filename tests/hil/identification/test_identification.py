@@ -16,31 +16,27 @@ from liftgate_hil.identification.reporting.findings import notes_of, warnings_of
 from liftgate_hil.identification.reporting.text import identification_text
 from liftgate_hil.identification.statistics import criteria
 from liftgate_plant import gate
-from liftgate_plant.vehicle import plant_of
+from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.hil.identification import many_seeds
 from tests.hil.identification.many_seeds import coloured, counted
 from tests.hil.identification.simulated import (
     NOISE,
     TRUTH,
     estimated,
+    later,
     measured,
     scores,
     sought,
     there_and_back,
     true_vehicle,
+    with_outputs,
 )
 from tests.plant.runs import suv
 
 
-def later(data: Data, seconds: float) -> Data:
-    """The same measurement, begun that much later."""
-    first = int(np.searchsorted(data.times, seconds))
-    return dataclasses.replace(
-        data,
-        times=data.times[first:] - data.times[first],
-        inputs=data.inputs[first:],
-        outputs={name: values[first:] for name, values in data.outputs.items()},
-    )
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return true_vehicle()
 
 
 # The same over many seeds, parameter by parameter: tests/study.
@@ -104,12 +100,10 @@ def test_a_known_delay_is_taken_as_it_is() -> None:
     assert known.loss < 0.1 * ignored.loss
 
 
-def test_the_zero_of_a_position_counter_is_recovered() -> None:
-    vehicle = true_vehicle()
+def test_the_zero_of_a_position_counter_is_recovered(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1, noise={**NOISE, "left_position_rev": 0.1})
-    moved = dict(data.outputs)
-    moved["left_position_rev"] = moved["left_position_rev"] - 500.0
-    result = estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=moved)])
+    moved = with_outputs(data, left_position_rev=data.outputs["left_position_rev"] - 500.0)
+    result = estimated(vehicle, "third-order", [*TRUTH], [moved])
     (offset,) = result.initial_states
     assert (offset.name, offset.unit) == ("run: left_offset", "rev")
     assert abs(offset.value + 500.0) < 3.0 * offset.std < 0.2
@@ -117,8 +111,7 @@ def test_the_zero_of_a_position_counter_is_recovered() -> None:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_place_of_a_gate_at_rest_is_estimated(model: str) -> None:
-    vehicle = true_vehicle()
+def test_the_place_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) -> None:
     data = measured(vehicle, model, seed=2, angle_deg=30.0)
     result = estimated(vehicle, model, [*TRUTH], [data], None)
     place = result.initial_states[0]
@@ -131,8 +124,7 @@ def test_the_place_of_a_gate_at_rest_is_estimated(model: str) -> None:
 
 @pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
 @pytest.mark.parametrize("closing", [False, True])
-def test_a_measurement_that_begins_in_motion_tells_the_same(closing: bool, model: str) -> None:
-    vehicle = true_vehicle()
+def test_a_measurement_that_begins_in_motion_tells_the_same(vehicle: Vehicle, closing: bool, model: str) -> None:
     times = np.arange(601) / 200.0
     volts = np.where(times < 2.0, 12.0, 6.0) * (-1.0 if closing else 1.0)
     noise = {**NOISE, "left_position_rev": 0.1}
@@ -147,8 +139,7 @@ def test_a_measurement_that_begins_in_motion_tells_the_same(closing: bool, model
         assert abs(states[f"run: {name}"].value - expected) < 3.5 * states[f"run: {name}"].std
 
 
-def test_a_parameter_without_effect_is_not_identifiable() -> None:
-    vehicle = true_vehicle()
+def test_a_parameter_without_effect_is_not_identifiable(vehicle: Vehicle) -> None:
     names = ["motor.resistance", "environment.snow_distance"]
     result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
     told, silent = result.parameters
@@ -161,8 +152,7 @@ def test_a_parameter_without_effect_is_not_identifiable() -> None:
     assert result.condition_number == math.inf
 
 
-def test_two_parameters_of_one_sum_are_named_together() -> None:
-    vehicle = true_vehicle()
+def test_two_parameters_of_one_sum_are_named_together(vehicle: Vehicle) -> None:
     names = ["motor.resistance", "motor.load_torque", "gear.friction_torque"]
     result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
     assert result.inseparable == ("motor.load_torque and gear.friction_torque cannot be separated",)
@@ -174,8 +164,7 @@ def test_two_parameters_of_one_sum_are_named_together() -> None:
     assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-5)
 
 
-def test_a_prior_tells_two_parameters_of_one_sum_apart() -> None:
-    vehicle = true_vehicle()
+def test_a_prior_tells_two_parameters_of_one_sum_apart(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     torque, force = sought(["motor.load_torque", "gear.friction_torque"])
     force = dataclasses.replace(force, prior=0.6, prior_std=0.01)
@@ -186,8 +175,7 @@ def test_a_prior_tells_two_parameters_of_one_sum_apart() -> None:
     assert result.parameters[1].std == pytest.approx(0.01, rel=0.05)
 
 
-def test_an_estimate_at_its_bound_says_so() -> None:
-    vehicle = true_vehicle()
+def test_an_estimate_at_its_bound_says_so(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     limited = sought(["motor.resistance"], low=0.6, high=0.75, initial=0.7)
     other = sought(["motor.speed_constant"])
@@ -203,8 +191,7 @@ def test_an_estimate_at_its_bound_says_so() -> None:
     assert warning.endswith("no 95 % limit above the estimate: it ends at 0.7500, at the bound of the search")
 
 
-def test_an_estimate_that_says_nothing_says_so() -> None:
-    vehicle = true_vehicle()
+def test_an_estimate_that_says_nothing_says_so(vehicle: Vehicle) -> None:
     noise = {name: 5.0 * std for name, std in NOISE.items()}
     data = measured(vehicle, noise=noise, seed=1, drive=there_and_back(0.1))
     result = estimated(vehicle, "third-order", ["motor.resistance", "motor.load_torque"], [data])
@@ -214,17 +201,15 @@ def test_an_estimate_that_says_nothing_says_so() -> None:
     assert math.isfinite(result.parameters[1].std)
 
 
-def test_outputs_that_never_change_tell_nothing() -> None:
-    vehicle = true_vehicle()
+def test_outputs_that_never_change_tell_nothing(vehicle: Vehicle) -> None:
     data = measured(vehicle)
     constant = {name: np.full(len(data.times), 3.0) for name in data.outputs}
     with pytest.raises(NothingToTellError, match="constant from beginning to end"):
         estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=constant)])
 
 
-def test_an_input_that_excites_nothing_tells_nothing() -> None:
+def test_an_input_that_excites_nothing_tells_nothing(vehicle: Vehicle) -> None:
     # Held by friction without a voltage, whatever is measured is noise.
-    vehicle = true_vehicle()
     times, volts = there_and_back(1.0)
     data = measured(vehicle, seed=1, drive=(times, 0.0 * volts))
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
@@ -266,8 +251,7 @@ def test_what_the_simulation_does_not_follow_may_have_another_unit_or_sign(
     assert "rpm" in said or "rpm" not in str(caught.value)
 
 
-def test_parameters_without_any_effect_tell_nothing() -> None:
-    vehicle = true_vehicle()
+def test_parameters_without_any_effect_tell_nothing(vehicle: Vehicle) -> None:
     names = ["environment.snow_distance", "seal.force"]
     with pytest.raises(NothingToTellError):
         estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
@@ -279,8 +263,7 @@ def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> N
     assert math.sqrt(np.mean(classic**2)) > 3.0  # measured 5.0
 
 
-def test_correlated_residuals_widen_the_others_beside_a_silent_parameter() -> None:
-    vehicle = true_vehicle()
+def test_correlated_residuals_widen_the_others_beside_a_silent_parameter(vehicle: Vehicle) -> None:
     names = ["motor.resistance", "motor.speed_constant"]
     data = coloured(measured(vehicle, drive=there_and_back(2.0, 500.0)), 1, 0.9)
     estimate = estimated(vehicle, "third-order", names, [data])
@@ -306,27 +289,20 @@ def linear(names: list[str], seed: int) -> Problem:
     return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
 
 
+@pytest.mark.parametrize("given_std", [np.array([0.5]), None])
 @pytest.mark.parametrize("names", [["sensors.current_offset"], ["sensors.current_offset", "sensors.current_gain"]])
-def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str]) -> None:
-    result = fitted(linear(names, 1), given_std=np.array([0.5]), profiles=[names[0]])
+def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str], given_std: np.ndarray | None) -> None:
+    result = fitted(linear(names, 1), given_std=given_std, profiles=[names[0]])
     (profile,) = result.profiles
     estimate = result.parameters[0]
-    parabola = ((profile.values - estimate.value) / estimate.std) ** 2
+    expected, close, closer = ((profile.values - estimate.value) / estimate.std) ** 2, 1e-3, 1e-6
+    if given_std is None:  # N log(1 + z²/N) instead of z²
+        count = len(result.experiments[0].series[0].times)
+        expected, close, closer = count * np.log1p(expected / count), 0.02, 1e-4
     assert len(profile.values) == 13
-    assert profile.deviance == pytest.approx(parabola, abs=1e-6)
+    assert profile.deviance == pytest.approx(expected, abs=closer)
     interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
-    assert [profile.low, profile.high] == pytest.approx(interval, abs=1e-3 * estimate.std)
-
-
-def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
-    names = ["sensors.current_offset", "sensors.current_gain"]
-    result = fitted(linear(names, 1), profiles=names[:1])
-    (profile,) = result.profiles
-    estimate = result.parameters[0]
-    count = len(result.experiments[0].series[0].times)
-    # N log(1 + z²/N) instead of z².
-    expected = count * np.log1p(((profile.values - estimate.value) / estimate.std) ** 2 / count)
-    assert profile.deviance == pytest.approx(expected, abs=1e-4)
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=close * estimate.std)
 
 
 def test_the_profile_of_correlated_residuals_agrees_with_their_standard_deviation() -> None:
@@ -358,8 +334,7 @@ def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(given_std
     assert [profile.low, profile.high] == pytest.approx(interval, abs=close * estimate.std)
 
 
-def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
-    vehicle = true_vehicle()
+def test_the_result_tells_its_criteria_from_its_own_figures(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     result = estimated(vehicle, "third-order", [*TRUTH], [data])
     rows = len(data.times)
@@ -376,8 +351,7 @@ def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
     assert result.stop_reason.startswith("converged")
 
 
-def test_a_model_without_the_true_effect_loses_by_every_criterion() -> None:
-    vehicle = true_vehicle()
+def test_a_model_without_the_true_effect_loses_by_every_criterion(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=1)]
     poor = estimated(suv(), "third-order", ["motor.resistance"], data)
     true = estimated(suv(), "third-order", [*TRUTH], data)
@@ -387,8 +361,7 @@ def test_a_model_without_the_true_effect_loses_by_every_criterion() -> None:
         assert getattr(true, name) < getattr(more, name)
 
 
-def test_every_output_of_every_experiment_is_reported() -> None:
-    vehicle = true_vehicle()
+def test_every_output_of_every_experiment_is_reported(vehicle: Vehicle) -> None:
     noise = {"left_current_a": 0.05, "left_position_rev": 0.1}
     data = [measured(vehicle, noise=noise, seed=k, name=f"run {k}") for k in (1, 2)]
     result = estimated(vehicle, "third-order", [*TRUTH], data)
@@ -407,8 +380,7 @@ def test_every_output_of_every_experiment_is_reported() -> None:
         assert each.voltage == pytest.approx(there_and_back()[1])
 
 
-def test_a_validation_changes_no_parameter() -> None:
-    vehicle = true_vehicle()
+def test_a_validation_changes_no_parameter(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     right = validated(Problem(vehicle, "third-order", [], [data], list(data.outputs), 20.0))
     wrong = validated(Problem(suv(), "third-order", [], [data], list(data.outputs), 20.0))
@@ -419,17 +391,14 @@ def test_a_validation_changes_no_parameter() -> None:
         assert math.isnan(good.fit_before)
 
 
-def test_a_validation_estimates_how_the_measurement_began() -> None:
-    vehicle = true_vehicle()
+def test_a_validation_estimates_how_the_measurement_began(vehicle: Vehicle) -> None:
     data = later(measured(vehicle, seed=1), 0.5)
-    outputs = {**data.outputs}
-    result = validated(Problem(vehicle, "third-order", [], [data], list(outputs)))
+    result = validated(Problem(vehicle, "third-order", [], [data], list(data.outputs)))
     for series in result.experiments[0].series:
         assert series.rms == pytest.approx(NOISE[series.output], rel=0.15)
 
 
-def test_two_experiments_make_estimates_surer_by_the_root_of_two() -> None:
-    vehicle = true_vehicle()
+def test_two_experiments_make_estimates_surer_by_the_root_of_two(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=k, name=str(k)) for k in (1, 2)]
     one, both = (estimated(vehicle, "third-order", [*TRUTH], part) for part in (data[:1], data))
     for single, double in zip(one.parameters, both.parameters, strict=True):
@@ -475,28 +444,23 @@ def test_an_output_with_a_single_edge_is_left_out() -> None:
 
 def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None:
     data = delayed(0.03, 6)
-    outputs = dict(data.outputs)
     speed = np.full(len(data.times), np.nan)
-    speed[-8:] = outputs["left_speed_rps"][-8:]
-    late = dataclasses.replace(data, outputs={**outputs, "left_speed_rps": speed})
-    problem = Problem(
-        true_vehicle(), "third-order", sought(["motor.resistance"]), [late], [*outputs], 20.0, is_delay_sought=True
-    )
+    speed[-8:] = data.outputs["left_speed_rps"][-8:]
+    late, names = with_outputs(data, left_speed_rps=speed), sought(["motor.resistance"])
+    problem = Problem(true_vehicle(), "third-order", names, [late], [*data.outputs], 20.0, is_delay_sought=True)
     assert "left_speed_rps" not in fitted(problem).outputs
 
 
-def test_data_without_noise_are_told_as_such() -> None:
-    vehicle = true_vehicle()
+def test_data_without_noise_are_told_as_such(vehicle: Vehicle) -> None:
     for data, said in ((measured(vehicle), True), (measured(vehicle, seed=1), False)):
         notes = notes_of(estimated(vehicle, "third-order", ["motor.resistance"], [data]))
         assert [each.split(",")[0] for each in notes] == ["the data have no noise"] * said
 
 
-def test_an_output_of_another_scale_that_others_outweigh_is_told() -> None:
-    vehicle = true_vehicle()
+def test_an_output_of_another_scale_that_others_outweigh_is_told(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
-    outputs = {**data.outputs, "left_speed_rps": 1.6 * data.outputs["left_speed_rps"]}
-    result = estimated(vehicle, "third-order", ["motor.resistance"], [dataclasses.replace(data, outputs=outputs)])
+    scaled = with_outputs(data, left_speed_rps=1.6 * data.outputs["left_speed_rps"])
+    result = estimated(vehicle, "third-order", ["motor.resistance"], [scaled])
     found = [each for each in warnings_of(result) if "times the simulation: is its scale right?" in each]
     assert len(found) == 1
     assert found[0].startswith("run: left_speed_rps is 1.6")

@@ -14,7 +14,7 @@ from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem
 from tests.hil.identification import many_seeds
 from tests.hil.identification.many_seeds import ANGLE_DEG, SCATTERED_TRUTH, SMALL, stamped, with_delay
-from tests.hil.identification.simulated import NOISE, measured, sought, true_vehicle
+from tests.hil.identification.simulated import NOISE, measured, sought, true_vehicle, with_outputs
 
 
 def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter() -> None:
@@ -109,6 +109,5 @@ def test_noise_that_is_correlated_in_time_is_no_great_scatter() -> None:
     slow = np.zeros(len(data.times))
     for k in range(1, len(slow)):
         slow[k] = 0.95 * slow[k - 1] + 0.16 * rng.standard_normal()
-    outputs = {**data.outputs, "left_speed_rps": data.outputs["left_speed_rps"] + slow}
-    result = with_delay([dataclasses.replace(data, outputs=outputs)])
+    result = with_delay([with_outputs(data, left_speed_rps=data.outputs["left_speed_rps"] + slow)])
     assert result.input_jitter <= 0.015 / math.sqrt(12.0)

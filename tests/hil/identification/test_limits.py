@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +11,13 @@ from scipy.optimize import LinearConstraint, minimize
 
 from liftgate_hil.config.parameters import find_parameter, with_value
 from liftgate_hil.config.vehicle import issues_with
+from liftgate_hil.identification.data import Data
+from liftgate_hil.identification.descent import place_at
 from liftgate_hil.identification.fit import NothingToTellError, fitted
 from liftgate_hil.identification.limits import step_within_limits
-from liftgate_hil.identification.problem import Problem
+from liftgate_hil.identification.problem import Problem, nothing_refused
 from liftgate_hil.plan.setup import vehicle_from
+from liftgate_plant.vehicle import Vehicle
 from tests.hil.identification.simulated import measured, sought
 from tests.plant.runs import suv
 
@@ -28,9 +31,10 @@ def strong(factor: float = 1.03):
     return with_value(vehicle, find_parameter(vehicle, "motor.torque_constant"), constant)
 
 
-def checked(*arguments: Any, **more: Any) -> Problem:
+def checked(vehicle: Vehicle, names: list[str], data: Data) -> Problem:
     """A problem whose search may only go where a vehicle file may."""
-    return Problem(*arguments, **{"refused_by": issues_with, **more})
+    known = sought(names, vehicle)
+    return Problem(vehicle, "third-order", known, [data], [*data.outputs], 20.0, refused_by=issues_with)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -61,16 +65,10 @@ def test_a_step_is_the_least_within_bounds_and_half_spaces(seed: int) -> None:
 def test_a_step_follows_a_curved_limit() -> None:
     """From within a circle to the point of it that is nearest to what lies outside."""
     goal, radius = np.array([3.0, 1.0]), 0.8
-    x = np.zeros(2)
+    x, far = np.zeros(2), np.full(2, 9.0)
     for _ in range(8):
-        x = x + step_within_limits(
-            np.eye(2),
-            goal - x,
-            np.full(2, -9.0),
-            np.full(2, 9.0),
-            np.ones(2),
-            lambda step, x=x: bool(np.linalg.norm(x + step) <= radius),
-        )
+        is_inside = lambda step, x=x: bool(np.linalg.norm(x + step) <= radius)  # noqa: E731
+        x = x + step_within_limits(np.eye(2), goal - x, -far, far, np.ones(2), is_inside)
     assert x == pytest.approx(radius * goal / np.linalg.norm(goal), abs=1e-3)
     assert np.linalg.norm(x) <= radius
 
@@ -84,7 +82,8 @@ def test_a_limit_without_a_slope_stops_a_step_before_it() -> None:
 def test_the_motor_constants_that_are_found_make_no_energy() -> None:
     vehicle, names = suv(), ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
     data = measured(strong(), seed=1)
-    result = fitted(checked(vehicle, "third-order", sought(names, vehicle), [data], [*data.outputs], 20.0))
+    problem = checked(vehicle, names, data)
+    result = fitted(problem)
     torque, speed, resistance = result.parameters
     assert speed.value / torque.value >= ENERGY
     assert speed.value / torque.value == pytest.approx(ENERGY, rel=1e-5)
@@ -98,31 +97,16 @@ def test_the_motor_constants_that_are_found_make_no_energy() -> None:
         found = with_value(found, find_parameter(found, each.name), each.value)
     assert issues_with(found) == []
     # It is the best of those along the limit: a search in that one direction ends there too.
-    deviance = _deviance_along(vehicle, data, resistance.value)
-    assert deviance(speed.value) < min(deviance(speed.value * by) for by in (0.99, 1.01))
-
-
-def _deviance_along(vehicle, data, resistance: float):
-    from liftgate_hil.identification.descent import place_at
-
-    names = ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
-    problem = checked(vehicle, "third-order", sought(names), [data], [*data.outputs], 20.0)
-
-    def deviance(speed: float) -> float:
-        point = np.array([speed / ENERGY, speed, resistance])
-        return place_at(problem, point, None).deviance
-
-    return deviance
+    along = [(speed.value * by / ENERGY, speed.value * by, resistance.value) for by in (1.0, 0.99, 1.01)]
+    least, *others = (place_at(problem, np.array(point), None).deviance for point in along)
+    assert least < min(others)
 
 
 def test_a_single_constant_at_its_limit_is_not_identified_by_the_data() -> None:
     vehicle = suv()
     data = measured(strong(), seed=1)
-    problem = checked(vehicle, "third-order", sought(["motor.torque_constant"], vehicle), [data],
-        [*data.outputs], 20.0,
-    )  # fmt: skip
     with pytest.raises(NothingToTellError, match=r"at a limit for valid vehicles: .* energy"):
-        fitted(problem)
+        fitted(checked(vehicle, ["motor.torque_constant"], data))
 
 
 def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
@@ -134,7 +118,7 @@ def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
     light = with_value(vehicle, parameter, 0.5 * low)
     data = measured(light, noise={"gate_angle_deg": 0.01, "left_current_a": 0.05}, seed=1)
     names = ["gate.inertia", "motor.resistance"]
-    result = fitted(checked(start, "third-order", sought(names, start), [data], [*data.outputs], 20.0))
+    result = fitted(checked(start, names, data))
     inertia, resistance = result.parameters
     assert inertia.value == pytest.approx(low, rel=1e-3)
     assert inertia.value >= low * (1.0 - 1e-5)
@@ -144,19 +128,14 @@ def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
 
 
 def test_a_search_that_would_begin_at_what_is_refused_says_so() -> None:
-    data = measured(suv(), seed=1)
-    vehicle = strong()
-    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
     with pytest.raises(ValueError, match="makes energy"):
-        fitted(problem)
+        fitted(checked(strong(), ["motor.resistance"], measured(suv(), seed=1)))
 
 
 def test_limits_that_are_not_met_change_nothing() -> None:
     """Neither steps nor how many simulations they take."""
-    vehicle = suv()
-    data = measured(suv("motor.resistance=0.8"), seed=2)
-    problem = checked(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
-    free = Problem(vehicle, "third-order", sought(["motor.resistance"], vehicle), [data], [*data.outputs], 20.0)
+    problem = checked(suv(), ["motor.resistance"], measured(suv("motor.resistance=0.8"), seed=2))
+    free = dataclasses.replace(problem, refused_by=nothing_refused)
     one, other = fitted(problem), fitted(free)
     assert one.parameters == other.parameters
     assert one.evaluations == other.evaluations

@@ -50,10 +50,11 @@ def test_a_reversal_crosses_the_play() -> None:
     assert 5 < len(crossing) < 60
 
 
-def test_a_change_of_voltage_that_keeps_its_sign_is_no_inrush() -> None:
+def test_a_change_of_voltage_that_keeps_its_sign_is_no_inrush_and_none_is_rest() -> None:
     times = np.arange(1501) * 1e-3
     volts = np.where(times < 0.7, 12.0, 6.0)
     assert runs(phases(volts, times, 20.0)) == ["inrush", "travel"]
+    assert runs(phases(0.0 * volts, times, 20.0, "third-order")) == ["rest"]
 
 
 def test_a_closing_against_the_seal_ends_in_its_stop() -> None:
@@ -61,11 +62,6 @@ def test_a_closing_against_the_seal_ends_in_its_stop() -> None:
     found = phases(np.full(len(times), -12.0), times, 20.0)
     assert runs(found)[:2] == ["inrush", "travel"]
     assert found[-1] == "end stop"
-
-
-def test_a_gate_that_only_rests_rests() -> None:
-    times = np.arange(101) * 1e-3
-    assert runs(phases(np.zeros(101), times, 20.0, "third-order")) == ["rest"]
 
 
 def test_a_series_tells_size_by_phase_and_leaves_out_missing_samples() -> None:
@@ -108,6 +104,8 @@ def test_the_slope_is_that_of_least_squares_on_uneven_times_far_from_zero() -> N
         near = np.abs(times - times[k]) <= 0.05
         expected = np.polyfit(times[near] - times[k], values[near] - 1e6, 1)[0]
         assert slope[k] == pytest.approx(expected, rel=1e-5, abs=1e-4)
+    lonely = np.array([0.0, 1.0, 2.0])
+    assert np.all(local_slope(lonely, 5.0 * lonely) == 0.0)  # no other sample in the window
 
 
 def test_the_slope_of_counts_is_the_speed() -> None:
@@ -118,10 +116,6 @@ def test_the_slope_of_counts_is_the_speed() -> None:
     # A quarter turn over a window of 0.1 s: tenths of a revolution per second; differences say 0 or 250.
     assert np.abs(slope - (40.0 + 20.0 * times)[60:-60]).max() < 0.6
     assert abs(np.mean(slope - (40.0 + 20.0 * times)[60:-60])) < 0.02
-
-
-def test_a_lonely_sample_has_no_slope() -> None:
-    assert np.all(local_slope(np.array([0.0, 1.0, 2.0]), np.array([0.0, 5.0, 10.0])) == 0.0)
 
 
 def test_the_speed_of_a_measured_position_is_compared_with_that_of_the_simulated_one() -> None:

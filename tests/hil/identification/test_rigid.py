@@ -77,10 +77,6 @@ RUNS = {
 }
 
 
-def vehicle_of(case: Run) -> Vehicle:
-    return vehicle_from(case.vehicle, case.settings)
-
-
 def solution(vehicle: Vehicle, case: Run, times: np.ndarray, order: int) -> np.ndarray:
     """Left current, right current, speed and position (n, 4): 3rd order (4.1–4.13), 2nd order (§4.6.3)."""
     drives = (vehicle.left, vehicle.right)[: vehicle.drives]
@@ -190,7 +186,7 @@ def model(vehicle: Vehicle, case: Run, times: np.ndarray, order: str, step: floa
 
 def errors(case: Run, order: str, step: float, skip: float = 0.0) -> np.ndarray:
     """Largest differences (4,) to the independent solution, after the first `skip` seconds."""
-    vehicle = vehicle_of(case)
+    vehicle = vehicle_from(case.vehicle, case.settings)
     times = np.arange(0.0, case.seconds + 1e-9, 0.005)
     exact = solution(vehicle, case, times, MODELS[order])
     off = np.abs(model(vehicle, case, times, order, step) - exact)[times >= skip]
@@ -200,18 +196,11 @@ def errors(case: Run, order: str, step: float, skip: float = 0.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_third_order_model_solves_the_thesis_equations(name: str) -> None:
+@pytest.mark.parametrize("order", ["third-order", "second-order"])
+def test_the_rigid_models_solve_the_thesis_equations(order: str, name: str) -> None:
     # At 1 ms the step is 16 L/R; measured at worst 3.4e-4 A, 1.2e-3 rev/s and 1.1e-4 rev. The bar of the full
     # plant is 2 mA.
-    current_l, current_r, speed, position = errors(RUNS[name], "third-order", 1e-3, 0.01)
-    assert max(current_l, current_r) < 5e-4
-    assert speed < 2e-3
-    assert position < 2e-4
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_the_second_order_model_solves_the_thesis_equations(name: str) -> None:
-    current_l, current_r, speed, position = errors(RUNS[name], "second-order", 1e-3, 0.01)
+    current_l, current_r, speed, position = errors(RUNS[name], order, 1e-3, 0.01)
     assert max(current_l, current_r) < 5e-4
     assert speed < 2e-3
     assert position < 2e-4
@@ -235,7 +224,7 @@ def test_a_vanishing_inductance_leaves_the_second_order_model() -> None:
     distances = []
     for inductance in (4e-3, 1e-3, 2.5e-4):
         case = RUNS["opening"]._replace(settings=(f"motor.inductance={inductance}",))
-        vehicle = vehicle_of(case)
+        vehicle = vehicle_from(case.vehicle, case.settings)
         third, second = (model(vehicle, case, times, order, 1e-4) for order in ("third-order", "second-order"))
         distances.append(np.abs(third - second)[times > 0.3].max(axis=0))
     for long, short in itertools.pairwise(distances):
@@ -251,7 +240,7 @@ def test_a_stiff_mechanism_without_play_leaves_the_third_order_model(name: str) 
         damping = 4000.0 * math.sqrt(stiffness / 5e5)
         stiff = ("gear.backlash=0", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}")
         case = RUNS[name]._replace(settings=(*RUNS[name].settings, *stiff))
-        vehicle = vehicle_of(case)
+        vehicle = vehicle_from(case.vehicle, case.settings)
         full, third = (model(vehicle, case, times, order, 1e-4) for order in ("full", "third-order"))
         distances.append(np.abs(full - third)[times > 0.3].max(axis=0))
     for soft, stiffer in itertools.pairwise(distances):

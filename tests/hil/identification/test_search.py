@@ -16,7 +16,15 @@ from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.search import search
 from liftgate_hil.identification.weighting import errors_of, log_likelihood_deviance, weighting_of
 from liftgate_plant.sensors import Sensors
-from tests.hil.identification.simulated import NOISE, TRUTH, measured, sought, there_and_back, true_vehicle
+from tests.hil.identification.simulated import (
+    NOISE,
+    TRUTH,
+    measured,
+    sought,
+    there_and_back,
+    true_vehicle,
+    with_outputs,
+)
 from tests.plant.runs import suv
 
 
@@ -67,12 +75,8 @@ def test_the_least_determinant_is_the_largest_likelihood() -> None:
         whitened = np.linalg.solve(lower, errors.T)
         return len(errors) * 2.0 * (x[2] + x[4]) + float(np.sum(whitened**2))
 
-    least = minimize(
-        deviance,
-        [1.0, 1.0, 0.0, 0.0, 0.0],
-        method="Nelder-Mead",
-        options={"xatol": 1e-8, "fatol": 1e-9, "maxiter": 4000, "maxfev": 8000},
-    )
+    exact = {"xatol": 1e-8, "fatol": 1e-9, "maxiter": 4000, "maxfev": 8000}
+    least = minimize(deviance, [1.0, 1.0, 0.0, 0.0, 0.0], method="Nelder-Mead", options=exact)
     lower = np.array([[math.exp(least.x[2]), 0.0], [least.x[3], math.exp(least.x[4])]])
     assert found.point == pytest.approx(least.x[:2] * scale, rel=3e-6)
     assert found.weighting.covariance == pytest.approx(lower @ lower.T, rel=1e-3)
@@ -95,11 +99,9 @@ def test_the_loss_is_the_determinant_of_the_errors_covariance() -> None:
 
 def test_outputs_that_are_not_sampled_together_count_by_their_own_samples() -> None:
     data = measured(true_vehicle(), seed=4)
-    outputs = dict(data.outputs)
-    speed = outputs["left_speed_rps"].copy()
+    speed = data.outputs["left_speed_rps"].copy()
     speed[np.arange(len(speed)) % 4 != 0] = np.nan
-    outputs["left_speed_rps"] = speed
-    thin = problem([*TRUTH], [dataclasses.replace(data, outputs=outputs)])
+    thin = problem([*TRUTH], [with_outputs(data, left_speed_rps=speed)])
     found = search(thin)
     there = np.isfinite(thin.measured)
     errors = thin.measured - thin.predicted(found.point)
@@ -132,14 +134,11 @@ def test_an_output_that_one_experiment_lacks_is_taken_from_the_other() -> None:
     assert found.point == pytest.approx([*TRUTH.values()][:2], rel=1e-7)
 
 
-def test_a_bound_holds_where_the_truth_lies_beyond_it() -> None:
+def test_a_bound_holds_where_the_truth_lies_beyond_it_and_a_start_at_one_still_moves() -> None:
     limits = {"low": 0.6, "high": 0.75, "initial": 0.7}
     found = search(problem(["motor.resistance"], [measured(true_vehicle(), seed=1)], limits=limits))
     assert found.point[0] == pytest.approx(0.75, abs=1e-9)
     assert found.point[0] <= 0.75
-
-
-def test_a_start_at_a_bound_still_moves() -> None:
     limits = {"low": 0.708, "high": 2.0, "initial": 0.708}
     found = search(problem(["motor.resistance"], [measured(true_vehicle())], limits=limits))
     assert found.point[0] == pytest.approx(0.8, rel=1e-7)
@@ -196,21 +195,18 @@ def test_what_is_fixed_stays() -> None:
     assert found.point[0] != begin[0]
 
 
-def test_what_has_no_effect_does_not_lead_the_search_astray() -> None:
+@pytest.mark.parametrize(
+    ("names", "added", "known"),
+    [
+        ([*TRUTH][:2], "environment.snow_distance", 2),  # has no effect
+        (["motor.resistance", "motor.load_torque"], "gear.friction_torque", 1),  # of one sum with the last
+    ],
+)
+def test_what_tells_nothing_does_not_lead_the_search_astray(names: list[str], added: str, known: int) -> None:
     data = [measured(true_vehicle(), seed=1)]
-    alone = search(problem([*TRUTH][:2], data))
-    beside = search(problem([*[*TRUTH][:2], "environment.snow_distance"], data))
-    assert beside.point[:2] == pytest.approx(alone.point, rel=1e-6)
-    assert beside.point[2] == 0.5  # where it began
-    assert beside.weighting.loss == pytest.approx(alone.weighting.loss, rel=1e-6)
-
-
-def test_two_of_one_sum_do_not_lead_the_search_astray() -> None:
-    data = [measured(true_vehicle(), seed=1)]
-    names = ["motor.resistance", "motor.load_torque"]
-    alone = search(problem(names, data))
-    beside = search(problem([*names, "gear.friction_torque"], data))
-    assert beside.point[0] == pytest.approx(alone.point[0], rel=1e-6)
+    alone, beside = (search(problem(each, data)) for each in (names, [*names, added]))
+    assert beside.point[:known] == pytest.approx(alone.point[:known], rel=1e-6)
+    assert known == 1 or beside.point[2] == 0.5  # where it began
     assert beside.weighting.loss == pytest.approx(alone.weighting.loss, rel=1e-6)
 
 

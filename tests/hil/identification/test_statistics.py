@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from liftgate_hil.identification.statistics import (
     autocorrelation,
@@ -65,6 +66,10 @@ def test_an_unknown_without_information_is_silent() -> None:
     assert np.diag(known.covariance) == pytest.approx([0.25, math.inf, 1.0])
     assert known.condition == math.inf
     assert known.apart == ()
+    nothing = uncertainty(np.zeros((2, 2)))
+    assert nothing.silent == (0, 1)
+    assert np.all(np.isinf(np.diag(nothing.covariance)))
+    assert nothing.condition == math.inf
 
 
 def test_a_factor_between_courses_is_a_scale_and_no_offset() -> None:
@@ -75,13 +80,6 @@ def test_a_factor_between_courses_is_a_scale_and_no_offset() -> None:
     assert factor_between(rest[::-1] ** 2, rest, 0.98) is None
     assert factor_between(rest, np.full(500, 60.0), 0.98) is None
     assert factor_between(rest, np.zeros(500), 0.98) is None
-
-
-def test_without_any_information_all_are_silent() -> None:
-    known = uncertainty(np.zeros((2, 2)))
-    assert known.silent == (0, 1)
-    assert np.all(np.isinf(np.diag(known.covariance)))
-    assert known.condition == math.inf
 
 
 def test_an_exactly_collinear_pair_is_named_and_the_rest_stays_known() -> None:
@@ -96,13 +94,21 @@ def test_an_exactly_collinear_pair_is_named_and_the_rest_stays_known() -> None:
         assert known.covariance[k, k] == pytest.approx(alone.covariance[k, k], rel=1e-3)
 
 
-def test_a_sum_of_three_is_named_whole() -> None:
-    rng = np.random.default_rng(4)
-    slopes = rng.standard_normal((40, 4))
-    slopes[:, 2] = slopes[:, 0] + slopes[:, 1]
-    known = uncertainty(slopes.T @ slopes)
-    assert known.apart == ((0, 1, 2),)
-    assert named(known.apart, "abcd") == ["a, b and c cannot be separated"]
+@pytest.mark.parametrize(
+    ("columns", "apart"),  # each column is a sum of independent ones, with these weights
+    [
+        ([[1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]], ((0, 1, 2),)),
+        ([[1, 0], [0, 1], [2, 0], [-3, 0]], ((0, 2, 3),)),
+        # Both directions have the eigenvalue zero, so that eigenvectors may be any mixture of them.
+        ([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]], ((0, 3), (1, 4))),
+        ([*np.eye(30).tolist(), [1] * 20 + [0] * 10], ((*range(20), 30),)),
+    ],
+)
+def test_what_is_in_one_sum_is_named_whole_and_once(columns: list[list[float]], apart: tuple) -> None:
+    weights = np.array(columns, dtype=float)
+    slopes = np.random.default_rng(4).standard_normal((90, weights.shape[1])) @ weights.T
+    assert uncertainty(slopes.T @ slopes).apart == apart
+    assert named(((0, 1, 2),), "abcd") == ["a, b and c cannot be separated"]
 
 
 def test_a_nearly_collinear_pair_is_still_distinguished() -> None:
@@ -181,13 +187,6 @@ def test_experiments_have_nothing_to_do_with_each_other() -> None:
     assert turned == pytest.approx(both, rel=1e-9)
 
 
-def test_the_sum_of_many_is_named_whole() -> None:
-    rng = np.random.default_rng(10)
-    slopes = rng.standard_normal((90, 31))
-    slopes[:, 30] = np.sum(slopes[:, :20], axis=1)
-    assert uncertainty(slopes.T @ slopes).apart == ((*range(20), 30),)
-
-
 def test_the_pseudo_inverse_leaves_out_what_cannot_be_identified() -> None:
     rng = np.random.default_rng(11)
     slopes = rng.standard_normal((40, 3))
@@ -207,8 +206,6 @@ def test_white_noise_is_seldom_called_coloured() -> None:
 
 @pytest.mark.parametrize("lags", [5, 25])
 def test_the_white_test_is_that_of_ljung_and_box(lags: int) -> None:
-    from scipy.stats import chi2
-
     rng = np.random.default_rng(9)
     seen = set()
     for share in np.linspace(0.0, 0.3, 31):
@@ -221,12 +218,9 @@ def test_the_white_test_is_that_of_ljung_and_box(lags: int) -> None:
     assert seen == {True, False}
 
 
-def test_coloured_noise_is_outlined_so() -> None:
+def test_coloured_noise_is_outlined_so_and_a_handful_of_residuals_is_not_judged() -> None:
     rng = np.random.default_rng(10)
     assert not any(is_white(autoregressive(rng, 500, 0.4)) for _ in range(50))
-
-
-def test_a_handful_of_residuals_is_not_judged() -> None:
     assert is_white(np.array([1.0, -1.0, 2.0]))
 
 
@@ -243,12 +237,8 @@ def test_the_crosscorrelation_is_numpys() -> None:
     e, u = errors - errors.mean(), inputs - inputs.mean()
     whole = np.correlate(e, u, "full") / math.sqrt(float(e @ e) * float(u @ u))
     assert crosscorrelation(errors, inputs, 20) == pytest.approx(whole[279:320])
-
-
-def test_an_error_that_follows_the_input_shows_at_a_positive_lag() -> None:
-    inputs = np.random.default_rng(13).standard_normal(500)
-    errors = np.roll(inputs, 3)
-    assert int(np.argmax(crosscorrelation(errors, inputs, 10))) - 10 == 3
+    # An error that follows the input shows at a positive lag.
+    assert int(np.argmax(crosscorrelation(np.roll(inputs, 3), inputs, 10))) - 10 == 3
 
 
 def test_correlations_of_nothing_are_nothing() -> None:
@@ -269,12 +259,9 @@ def test_the_criteria_are_those_of_the_books() -> None:
     assert found.aic == pytest.approx(-2.0 * likelihood + 8.0)
     assert found.aicc == pytest.approx(found.aic + 2.0 * 4.0 * 5.0 / 95.0)
     assert found.bic == pytest.approx(-2.0 * likelihood + 4.0 * math.log(100.0))
-
-
-def test_criteria_of_more_unknowns_than_samples_are_not_numbers() -> None:
-    found = criteria(1.0, 0.0, 3, 3, 3)
-    assert math.isnan(found.fpe)
-    assert math.isnan(found.aicc)
+    many = criteria(1.0, 0.0, 3, 3, 3)  # more unknowns than samples
+    assert math.isnan(many.fpe)
+    assert math.isnan(many.aicc)
 
 
 def test_the_fit_is_a_hundred_for_the_data_and_zero_for_their_mean() -> None:
@@ -319,21 +306,6 @@ def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
     slopes = np.ones((1000, 1, 1))
     found = rounding_information(angle[:, None], slopes, np.eye(1))
     assert found[0, 0] == pytest.approx(1e-4 / 12.0 * 301.0**2, rel=0.02)
-
-
-def test_two_sums_that_cannot_be_identified_are_not_mixed() -> None:
-    # Both directions have the eigenvalue zero, so that eigenvectors may be any mixture of them.
-    rng = np.random.default_rng(6)
-    one, other, told = rng.standard_normal((3, 40))
-    slopes = np.column_stack([one, other, told, one, other])
-    assert uncertainty(slopes.T @ slopes).apart == ((0, 3), (1, 4))
-
-
-def test_three_of_one_sum_are_named_once() -> None:
-    rng = np.random.default_rng(7)
-    one, told = rng.standard_normal((2, 40))
-    slopes = np.column_stack([one, told, 2.0 * one, -3.0 * one])
-    assert uncertainty(slopes.T @ slopes).apart == ((0, 2, 3),)
 
 
 def test_the_robust_covariance_is_bartletts_sum_over_lags() -> None:

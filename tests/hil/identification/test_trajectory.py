@@ -22,7 +22,10 @@ from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.plant.runs import suv
 
-MODEL_NAMES = tuple(MODELS)
+
+@pytest.fixture(params=MODELS)
+def model(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
 
 
 def rows(vehicle: Vehicle, model: str, times: np.ndarray, **columns: Any) -> np.ndarray:
@@ -31,16 +34,8 @@ def rows(vehicle: Vehicle, model: str, times: np.ndarray, **columns: Any) -> np.
     sensors = columns.pop("sensors", Sensors())
     longest = columns.pop("longest", 1e-3)
     given = {name: np.broadcast_to(value, len(times)) for name, value in columns.items()}
-    return trajectory(
-        plant_of(vehicle),
-        sensors,
-        load_of(vehicle),
-        start,
-        MODELS[model],
-        times,
-        rows_of(given, len(times)),
-        longest,
-    )
+    plant, load, inputs = plant_of(vehicle), load_of(vehicle), rows_of(given, len(times))
+    return trajectory(plant, sensors, load, start, MODELS[model], times, inputs, longest)
 
 
 def by_hand(vehicle: Vehicle, model: str, volts: np.ndarray, step: float) -> list[State]:
@@ -59,7 +54,6 @@ def by_hand(vehicle: Vehicle, model: str, volts: np.ndarray, step: float) -> lis
     return states
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_an_input_holds_until_the_next_sample(model: str) -> None:
     rng = np.random.default_rng(1)
     volts = rng.uniform(2.0, 12.0, 300)
@@ -71,7 +65,6 @@ def test_an_input_holds_until_the_next_sample(model: str) -> None:
     assert out[:, 4] == pytest.approx([each.left.position for each in states], rel=1e-12)
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_an_uneven_time_base_gives_the_same_as_an_even_one(model: str) -> None:
     rng = np.random.default_rng(2)
     even = np.arange(601) * 1e-3
@@ -84,7 +77,6 @@ def test_an_uneven_time_base_gives_the_same_as_an_even_one(model: str) -> None:
     assert part == pytest.approx(whole[kept], rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_intervals_are_cut_into_steps_no_longer_than_asked(model: str) -> None:
     vehicle = suv()
     coarse = np.arange(0.0, 0.6005, 0.1)
@@ -99,7 +91,6 @@ def test_intervals_are_cut_into_steps_no_longer_than_asked(model: str) -> None:
     )
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_a_coasting_motor_has_no_current(model: str) -> None:
     times = np.arange(401) * 1e-3
     coast = (times >= 0.2).astype(float)
@@ -123,7 +114,6 @@ def test_a_latch_holds_the_gate_until_it_is_released() -> None:
     assert out[-1, 6] > 1.0
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_duty_takes_the_supply_of_its_column_or_the_vehicles(model: str) -> None:
     times = np.arange(301) * 1e-3
     vehicle = suv("supply.internal_resistance=0")
@@ -133,7 +123,6 @@ def test_duty_takes_the_supply_of_its_column_or_the_vehicles(model: str) -> None
     assert given == pytest.approx(rows(vehicle, model, times, left_voltage_v=8.0), rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_surroundings_take_their_columns_in_the_units_of_their_names(model: str) -> None:
     times = np.arange(301) * 1e-3
     cold = "friction.temperature_coefficient=0.01"
@@ -153,7 +142,6 @@ def test_surroundings_take_their_columns_in_the_units_of_their_names(model: str)
         assert abs(one[-1, 2] - none[-1, 2]) > 0.05
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 def test_sensors_show_the_current_with_gain_offset_and_filter(model: str) -> None:
     times = np.arange(401) * 1e-3
     vehicle = suv()
@@ -206,7 +194,6 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
     assert math.degrees(angles[1] - angles[0]) < 0.2
 
 
-@pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize("stretch", [1, 7, 10])
 def test_a_trajectory_in_stretches_is_the_same_to_the_bit(
     model: str, stretch: int, monkeypatch: pytest.MonkeyPatch

@@ -1,11 +1,13 @@
-"""The search along valleys of the loss, in which one direction of motion does not separate spring and friction."""
+"""Valleys of the loss: one direction of motion does not separate spring and friction, nor does a pause."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from liftgate_hil.config.parameters import find_parameter, value_of
 from liftgate_hil.plan.setup import vehicle_from
+from tests.hil.identification import pauses
 from tests.hil.identification.simulated import estimated, measured, scores, true_vehicle
 
 
@@ -35,3 +37,22 @@ def test_data_of_both_directions_are_not_warned_of() -> None:
     names = ["gear.friction_torque", "spring.preload"]
     result = estimated(true_vehicle(), "full", names, [measured(true_vehicle(), "full", seed=1)])
     assert not [each for each in result.data_warnings if "one direction" in each]
+
+
+@pytest.mark.parametrize(
+    ("case", "outputs"),
+    [
+        ("suv half-way", "all"),
+        ("heavy-suv half-way", "angle"),
+        ("heavy-suv open", "positions"),
+        ("suv closed", "positions"),
+        ("heavy-suv closed", "angle"),
+    ],
+)
+def test_a_measurement_that_begins_in_a_pause_tells_the_same(case: str, outputs: str) -> None:
+    pauses.check_that_the_truth_is_found(case, outputs)  # each with each: tests/study
+
+
+def test_a_search_ends_where_one_from_the_truth_does() -> None:
+    """A search by slopes at the point alone ends in another minimum beside. More seeds: tests/study."""
+    pauses.check_where_a_search_ends(7)

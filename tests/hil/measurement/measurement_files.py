@@ -7,8 +7,10 @@ from pathlib import Path
 
 import can
 import numpy as np
+import pytest
 
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.read import read_measurement
@@ -24,6 +26,20 @@ def no_rig() -> Rig:
 
 def read(path: Path, *maps: str) -> Measurement:
     return read_measurement(path, parse_maps(maps), no_rig)
+
+
+def faults_of(path: Path, *maps: str) -> list[str]:
+    """What is said of a file that is no measurement, without its name."""
+    with pytest.raises(ConfigError) as caught:
+        read(path, *maps)
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
+
+
+def written(folder: Path, text: str | bytes) -> Path:
+    """A file of this content, called CSV."""
+    path = folder / "m.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
 
 
 def csv_text(columns: Mapping[str, Sequence[float] | np.ndarray], delimiter: str = ",") -> str:
@@ -42,14 +58,6 @@ def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
     """A log by python-can's own writer for the suffix."""
     with can.Logger(path) as writer:
         for time, identifier, payload in frames:
-            writer.on_message_received(
-                can.Message(
-                    timestamp=EPOCH + time,
-                    arbitration_id=identifier,
-                    is_extended_id=identifier > 0x7FF,
-                    is_fd=is_fd,
-                    data=payload,
-                    channel="can0",
-                )
-            )
+            kind = {"is_extended_id": identifier > 0x7FF, "is_fd": is_fd, "channel": "can0"}
+            writer.on_message_received(can.Message(EPOCH + time, identifier, data=payload, **kind))
     return path

@@ -245,18 +245,18 @@ def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: R
             assert np.array_equal(cut.columns[name], values, equal_nan=True), name
 
 
-@pytest.mark.parametrize("suffix", ["blf", "mf4"])
-def test_garbage_is_refused(tmp_path: Path, rig: Rig, suffix: str) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "said"),
+    [
+        ("blf", r"m\.blf: cannot be read: "),
+        ("mf4", r"m\.mf4: cannot be read: "),
+        ("log", r"no frame of the rig, but 20 lines left out \(not understood\)"),
+    ],
+)
+def test_garbage_is_refused(tmp_path: Path, rig: Rig, suffix: str, said: str) -> None:
     path = tmp_path / f"m.{suffix}"
     path.write_bytes(b"(this) is no log\n" * 20)
-    with pytest.raises(ConfigError, match=f"m.{suffix}: cannot be read: "):
-        read_measurement(path, {}, rig)
-
-
-def test_a_log_of_rubbish_says_so(tmp_path: Path, rig: Rig) -> None:
-    path = tmp_path / "m.log"
-    path.write_bytes(b"(this) is no log\n" * 20)
-    with pytest.raises(ConfigError, match=r"no frame of the rig, but 20 lines left out \(not understood\)"):
+    with pytest.raises(ConfigError, match=said):
         read_measurement(path, {}, rig)
 
 

@@ -11,7 +11,7 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from measurement_files import csv_text, read, write_csv
+from measurement_files import csv_text, faults_of, read, write_csv, written
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import csv_file
@@ -25,21 +25,14 @@ GOOD = {"time_s": TIMES, "left_voltage_v": np.full(30, 6.0), "left_current_a": T
 HEAD = "time_s,left_voltage_v,left_current_a\n"
 
 
-def faults_of(path: Path, *maps: str) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        read(path, *maps)
-    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
-
-
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_each_usual_form_gives_the_same_numbers(
     tmp_path: Path, delimiter: str, encoding: str, newline: str
 ) -> None:
-    path = tmp_path / "m.csv"
     text = csv_text(GOOD, delimiter).replace("\n", newline) + newline
-    path.write_bytes(text.encode(encoding))
+    path = written(tmp_path, text.encode(encoding))
     measurement = read(path)
     assert measurement.source == str(path)
     assert not measurement.through_sensors
@@ -49,8 +42,7 @@ def test_each_usual_form_gives_the_same_numbers(
 
 
 def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text('"time_s", left_voltage_v ,left_current_a\n"0", 1 ,2\n\n"0.1", 1.5 ,"3"\n')
+    path = written(tmp_path, '"time_s", left_voltage_v ,left_current_a\n"0", 1 ,2\n\n"0.1", 1.5 ,"3"\n')
     measurement = read(path)
     assert measurement.columns["left_voltage_v"].tolist() == [1.0, 1.5]
     assert measurement.columns["left_current_a"].tolist() == [2.0, 3.0]
@@ -132,12 +124,6 @@ def test_position_and_count_are_both_kept(tmp_path: Path) -> None:
     assert {"left_position_rev", "left_hall_count"} <= set(measurement.columns)
 
 
-def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("time_s,comment,left_voltage_v,left_current_a\n0,hello,1,2\n1,,1,inf\n")
-    assert faults_of(path) == ["left_current_a: inf in row 2; allowed: a finite number"]
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -153,6 +139,14 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         ),
         (HEAD + "0,1,1e999\n", ["left_current_a: 1e999 in row 1; allowed: a finite number"]),
         (HEAD + "0,1,1_0\n", ["left_current_a: 1_0 in row 1; allowed: a number"]),
+        (
+            "time_s,comment,left_voltage_v,left_current_a\n0,hello,1,2\n1,,1,inf\n",  # a comment is not read
+            ["left_current_a: inf in row 2; allowed: a finite number"],
+        ),
+        (
+            HEAD.replace(",", ";") + "0;1'234,5;2\n1;2,5;2\n",
+            ['left_voltage_v: "1\'234,5" in row 1; allowed: a number'],
+        ),
         (
             HEAD.replace(",", ";") + "0;1.0;1,5\n",  # a comma among points
             ["left_current_a: '1,5' in row 1; allowed: a number with a decimal point"],
@@ -202,30 +196,19 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
             ],
         ),
         ("time_s,left_voltage_v,left_current_a\n0,1,\n", ["no sample of any output column"]),
-    ],
-)
-def test_faults_are_reported_all_at_once_with_their_place(tmp_path: Path, text: str, said: list[str]) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text(text)
-    assert faults_of(path) == said
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"time_s,\x81\n", "cannot be read: not UTF-8 at byte 7"),
-        (HEAD.encode() + b"0,1,2\n\xb0", f"cannot be read: not UTF-8 at byte {len(HEAD) + 6}"),
+        (b"time_s,\x81\n", ["cannot be read: not UTF-8 at byte 7"]),
+        (HEAD.encode() + b"0,1,2\n\xb0", [f"cannot be read: not UTF-8 at byte {len(HEAD) + 6}"]),
         (
             b"\xb0," + HEAD.encode() + b"1,0,1,2\n\x81",
-            f"cannot be read: not Windows-1252 at byte {len(HEAD) + 10}",
+            [f"cannot be read: not Windows-1252 at byte {len(HEAD) + 10}"],
         ),
-        (b"time_s\0", "cannot be read: binary; allowed: a CSV text"),
+        (b"time_s\0", ["cannot be read: binary; allowed: a CSV text"]),
     ],
 )
-def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
-    path = tmp_path / "m.csv"
-    path.write_bytes(content)
-    assert faults_of(path) == [said]
+def test_faults_are_reported_all_at_once_with_their_place(
+    tmp_path: Path, text: str | bytes, said: list[str]
+) -> None:
+    assert faults_of(written(tmp_path, text)) == said
 
 
 @pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
@@ -245,11 +228,9 @@ def test_a_suffix_that_nobody_reads_is_reported(tmp_path: Path) -> None:
 
 
 def test_a_table_of_very_many_columns_is_read_as_any_other(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
     names = ["time_s", "voltage_v", "left_current_a", *(f"c{k}" for k in range(19_997))]
     rows = [",".join([f"{0.01 * k:.2f}", "1", "2", *["0"] * 19_997]) for k in range(3)]
-    path.write_text("\n".join([",".join(names), *rows]) + "\n")
-    measurement = read(path)
+    measurement = read(written(tmp_path, "\n".join([",".join(names), *rows]) + "\n"))
     assert measurement.columns.keys() == {"left_voltage_v", "right_voltage_v", "left_current_a"}
 
 
@@ -278,8 +259,7 @@ def test_blocks_of_any_size_say_what_the_careful_reader_does(
 
 
 def test_empty_cells_do_not_make_reading_slow(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("a,b,c\n0,,\n1,2,\n,3,4\n,,\n5,6,.7")
+    path = written(tmp_path, "a,b,c\n0,,\n1,2,\n,3,4\n,,\n5,6,.7")
     with pytest.MonkeyPatch.context() as patch:
         patch.delattr(csv_file.CsvFile, "_by_cell")
         values = values_in(path, ["a", "c"])
@@ -309,8 +289,7 @@ def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> No
 def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
     tmp_path: Path, content: str, notes: set[str]
 ) -> None:
-    path = tmp_path / "m.csv"
-    path.write_bytes(content.encode("cp1252"))
+    path = written(tmp_path, content.encode("cp1252"))
     measurement = read(path, "time_s=t", "voltage_v=U", "gate_angle_deg=Winkel")
     assert np.array_equal(measurement.times, [0.0, 1.0])
     assert np.array_equal(measurement.columns["left_voltage_v"], [12.0, 12.0])
@@ -334,8 +313,7 @@ def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
     ],
 )
 def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: str) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text(f"{HEAD}{rows}\n")
+    path = written(tmp_path, f"{HEAD}{rows}\n")
     assert open_csv(path).names == HEAD.strip().split(",")
     with pytest.raises(ConfigError, match="row 1"):
         read(path)
@@ -343,10 +321,9 @@ def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: s
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])
 def test_decimal_commas_are_read_where_no_point_is_in_the_file(tmp_path: Path, delimiter: str) -> None:
-    path = tmp_path / "m.csv"
     rows = ["0,0", "-1,5", "2"], ["0,1", "2,25e1", ""], ["0,2", "3", "-0,5"]
-    path.write_text(HEAD.replace(",", delimiter) + "".join(delimiter.join(row) + "\n" for row in rows))
-    measurement = read(path)
+    body = "".join(delimiter.join(row) + "\n" for row in rows)
+    measurement = read(written(tmp_path, HEAD.replace(",", delimiter) + body))
     assert np.allclose(measurement.times, [0.0, 0.1, 0.2])
     assert np.allclose(measurement.columns["left_voltage_v"], [-1.5, 22.5, 3.0])
     assert np.allclose(measurement.columns["left_current_a"], [2.0, np.nan, -0.5], equal_nan=True)
@@ -357,9 +334,8 @@ def test_a_point_that_comes_later_among_decimal_commas_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(csv_file, "_LONGEST", 64)
-    path = tmp_path / "m.csv"
     rows = [f"{k};1,5;2" for k in range(50)] + ["50;1.5;2"]
-    path.write_text(HEAD.replace(",", ";") + "\n".join(rows) + "\n")
+    path = written(tmp_path, HEAD.replace(",", ";") + "\n".join(rows) + "\n")
     assert faults_of(path) == ["left_voltage_v: 1.5 in row 51; allowed: a number"]
 
 
@@ -384,21 +360,14 @@ def test_a_recording_with_other_line_ends_is_still_one(tmp_path: Path, newline: 
 
 
 def test_a_header_that_is_too_long_for_csv_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text('{"a":"' + "x" * 140_000 + '"}\n')
-    assert faults_of(path)[0].startswith("its first line cannot be read: ")
+    (said,) = faults_of(written(tmp_path, '{"a":"' + "x" * 140_000 + '"}\n'))
+    assert said.startswith("its first line cannot be read: ")
 
 
 def test_a_date_beside_decimal_commas_does_not_matter(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text("time_s;left_voltage_v;left_current_a;Datum\n0;1,5;2;01.02.2024\n1;2,5;2;01.02.2024\n")
+    rows = "0;1,5;2;01.02.2024\n1;2,5;2;01.02.2024\n"
+    path = written(tmp_path, f"time_s;left_voltage_v;left_current_a;Datum\n{rows}")
     assert read(path).columns["left_voltage_v"].tolist() == [1.5, 2.5]
-
-
-def test_a_refused_cell_is_shown_as_it_is_written(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    path.write_text(HEAD.replace(",", ";") + "0;1'234,5;2\n1;2,5;2\n")
-    assert faults_of(path) == ['left_voltage_v: "1\'234,5" in row 1; allowed: a number']
 
 
 def test_a_column_that_nearly_has_one_of_our_names_is_noted(tmp_path: Path) -> None:

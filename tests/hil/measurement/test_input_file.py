@@ -182,12 +182,10 @@ def test_what_is_specified_for_a_bad_input(tmp_path: Path, text: str, said: str)
 
 
 def test_columns_that_no_input_has_are_named_but_not_those_of_a_recording(tmp_path: Path) -> None:
-    path = tmp_path / "input.csv"
-    path.write_text("time_s,voltage_v,slope,left_current_a [mA],latched\n0,0,5,0,1\n1,12,5,3,1\n")
+    path = table(tmp_path, "time_s,voltage_v,slope,left_current_a [mA],latched\n0,0,5,0,1\n1,12,5,3,1\n")
     assert read_samples(path, {})[1] == ("ignored, as no input has this name: slope",)
 
 
 def test_a_column_that_nearly_has_the_name_of_an_input_is_told_with_that(tmp_path: Path) -> None:
-    path = tmp_path / "input.csv"
-    path.write_text("time_s,left_volt_v [mV],right_voltage_v\n0,0,5\n1,12,5\n")
+    path = table(tmp_path, "time_s,left_volt_v [mV],right_voltage_v\n0,0,5\n1,12,5\n")
     assert read_samples(path, {})[1] == ("left_volt_v [mV] is not read: is it left_voltage_v?",)

@@ -9,11 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_support import frames_of
-from measurement_files import read
 
-from liftgate_hil.cli.main import main
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.mcap_file import McapFile, open_mcap
@@ -36,13 +32,11 @@ def rows_of(count: int) -> np.ndarray:
     return rows
 
 
-def recorded(path: Path, rows: np.ndarray, frames: Any = None, drives: int = 2) -> McapFile:
+def recorded(path: Path, rows: np.ndarray, drives: int = 2) -> McapFile:
     recorder = open_writer(path, Content(columns_of(drives), "can3"))
     recorder.begin(EPOCH_NS)
     for first in range(0, len(rows), 999):
         recorder.write_rows(rows[first : first + 999])
-    if frames is not None:
-        recorder.write_frames(frames)
     recorder.close()
     assert recorder.failure == ""
     return open_mcap(path)
@@ -64,37 +58,8 @@ def test_any_columns_come_back_to_the_last_bit_whatever_their_order(tmp_path: Pa
         assert np.array_equal(np.concatenate(blocks).view(np.int64), expected.view(np.int64))
 
 
-def test_frames_come_back_as_they_were(tmp_path: Path) -> None:
-    each = [
-        (0x120, b"12345678"),
-        (0x1ABCDEF0 | EXTENDED, b"\xff"),
-        (0x333 | REMOTE, b""),
-        (0x001 | FD, bytes(range(64))),
-        (0x004 | ERROR, bytes(range(8))),
-        (0x7FF, b""),
-    ]
-    frames = logged(frames_of(each), 0, True)
-    frames["time_ns"] = [5, 10, 1_000_001, 2_000_000_000, 2_000_000_000, 3_600_000_000_000]
-    frames["is_sent"] = [1, 0, 1, 0, 1, 0]
-    frames["length"][2] = 8  # that it asks for
-    file = recorded(tmp_path / "run.mcap", rows_of(0), frames)
-    assert file.channel == "can3"
-    assert np.array_equal(np.concatenate(list(file.frames())), frames)
-
-
 def test_a_gate_with_one_drive_has_its_columns(tmp_path: Path) -> None:
     assert recorded(tmp_path / "run.mcap", rows_of(3), drives=1).names == columns_of(1)
-
-
-def test_it_is_a_measurement_like_any_other(tmp_path: Path) -> None:
-    line = "simulate --voltage 9 --duration 0.5 --seed 3 --output"
-    for suffix in ("csv", "mcap"):
-        assert main([*line.split(), str(tmp_path / f"run.{suffix}")]) == 0
-    table, mcap = (read(tmp_path / f"run.{suffix}") for suffix in ("csv", "mcap"))
-    assert np.array_equal(table.times, mcap.times)
-    assert table.columns.keys() == mcap.columns.keys()
-    for name, values in table.columns.items():
-        assert np.array_equal(values, mcap.columns[name]), name
 
 
 # What is none.

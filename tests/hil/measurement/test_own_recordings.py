@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hil_support import CLOSE, COAST, OPEN, both, command_frame, frames_of, loop_config, outside, start_of
 from measurement_files import read
 
+import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import empty_frames, logged
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.recording import AS_IT_IS
 from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.plan.setup import rig_from
 from liftgate_hil.signals import ON_TIME, columns_of
 
 
@@ -81,7 +87,7 @@ def test_a_bus_log_of_the_same_run_says_the_same(tmp_path: Path, rig: Rig, fast_
 
 def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
     columns = {}
-    for suffix in ("csv", "mf4"):
+    for suffix in ("csv", "mf4", "mcap"):
         target = tmp_path / f"out.{suffix}"
         source = tmp_path / "in.csv"
         source.write_text("time_s,voltage_v\n0,0\n0.01,6\n0.05,-3\n")
@@ -92,7 +98,17 @@ def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
         assert np.array_equal(m.columns["left_voltage_v"], held)
         assert m.notes == ()
         columns[suffix] = m.columns
-    assert list(columns["csv"]) == list(columns["mf4"])
     assert "left_position_rev" in columns["csv"]
-    for name, values in columns["csv"].items():
-        assert np.array_equal(values, columns["mf4"][name])
+    for suffix in ("mf4", "mcap"):
+        assert list(columns["csv"]) == list(columns[suffix])
+        for name, values in columns["csv"].items():
+            assert np.array_equal(values, columns[suffix][name])
+
+
+def test_a_bus_that_is_not_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:
+    """Options of reading apply to tables that are read as measurements, too."""
+    path, rig = tmp_path / "run.mf4", rig_from("liftgate")
+    lh.run("demo", duration=0.1, record=path)
+    assert read_measurement(path, {}, rig, how=dataclasses.replace(AS_IT_IS, channel="can0"))
+    with pytest.raises(ConfigError, match=r"`recording_channel` can7: not in .*; allowed: can0"):
+        read_measurement(path, {}, rig, how=dataclasses.replace(AS_IT_IS, channel="can7"))

@@ -40,6 +40,11 @@ def write(path: Path, frames: list[tuple[int, bytes]], is_sent: list[bool], step
     return path
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return write(tmp_path / "run.log", FRAMES, [True] * 60)
+
+
 def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, list[can.Message]]:
     channel = f"replay-{uuid.uuid4()}"
     with can.Bus(interface="virtual", channel=channel) as bus:
@@ -97,8 +102,7 @@ def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
     assert times_sent(messages) == FRAMES * 2
 
 
-def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path, path: Path) -> None:
     way = Way({"interface": "nobody", "channel": "x"}, None, False)
     (tmp_path / "rows.csv").write_text("time_s,left_current_a\n0,1\n")
     for replay, said in (
@@ -126,15 +130,13 @@ def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path
         ({"serial": "loop://"}, "`serial` and `bus`"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(tmp_path: Path, how: dict[str, Any], said: str) -> None:
-    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+def test_what_cannot_be_meant_is_refused(path: Path, how: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.replay(path, bus="virtual:refused", **how)
     assert said in str(caught.value)
 
 
-def test_a_recording_is_played_from_python(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+def test_a_recording_is_played_from_python(path: Path) -> None:
     with can.Bus("python", interface="virtual", receive_own_messages=False) as bus:
         played = lh.replay(path, bus="virtual:python", speed=10.0, rig="liftgate")
         assert (played.frames_sent, played.is_complete, played.stop_reason) == (60, True, "end")
@@ -172,11 +174,10 @@ class Wire:
 
 
 def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wire = Wire(range(20, 30))
     monkeypatch.setattr(find, "open_transport", lambda way: wire)
-    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
     way = Way({"interface": "any", "channel": "x"}, None, False)
     course: list[tuple[float, float, int]] = []
     told = Player(Replay(path), way, Listener(), lambda: False, lambda *where: course.append(where))

@@ -75,18 +75,12 @@ def experiment_of(name, samples, seed, columns=COLUMNS, with_before=True):
     final = opening(times, voltage, 2.15, 0.101)
     first = opening(times, voltage, 0.7, 0.06)
     noise = (0.2, 2.1, 0.6, 0.05)
-    rows = tuple(
-        series_of(
-            column,
-            times,
-            true[i] + noise[i] * rng.standard_normal(samples),
-            final[i],
-            first[i] * 1.08 if with_before else None,
-            voltage,
-        )
-        for i, column in enumerate(columns)
-    )
-    return Experiment(name, times, voltage, rows)
+    rows = []
+    for i, column in enumerate(columns):
+        measured = true[i] + noise[i] * rng.standard_normal(samples)
+        before = first[i] * 1.08 if with_before else None
+        rows.append(series_of(column, times, measured, final[i], before, voltage))
+    return Experiment(name, times, voltage, tuple(rows))
 
 
 def estimates():
@@ -175,3 +169,11 @@ def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
         experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
     return Validation("full", "suv", experiments, states(), notes=("close.csv: decimated",))
+
+
+def nothing():
+    """A result with nothing in it."""
+    return identification(
+        50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
+        notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),
+    )  # fmt: skip

@@ -27,7 +27,7 @@ def words(figure):
     return {each.get_text() for each in figure.findobj(lambda each: hasattr(each, "get_text"))}
 
 
-# The figures of usual results, and those with names of any characters: test_html.py.
+# The figures of usual results, and those with names of any characters: test_pages_and_text.py.
 
 
 def test_traces_name_quantities_units_and_models(found, judged):
