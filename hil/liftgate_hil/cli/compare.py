@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command and return the exit code."""
     request = CompareRequest.of(**given_in(args, CompareRequest))
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.conversion.compare_recordings import compared
+    from liftgate_hil.conversion.compare import compared
 
     teller = Teller(args.quiet, args.json)
     with teller.progress("compare") as progress:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
 from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
-from liftgate_hil.config.vehicle_choice import SetupChoice
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import SetupChoice, WireChoice
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.plan.request import RunRequest
 

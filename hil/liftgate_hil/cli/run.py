@@ -19,7 +19,7 @@ from liftgate_hil.errors import printable
 from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.wire_choice import WireChoice
+    from liftgate_hil.config.vehicle_choice import WireChoice
     from liftgate_hil.drive.result import Result
     from liftgate_hil.report.provenance import Provenance
 

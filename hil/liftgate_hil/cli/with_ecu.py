@@ -29,7 +29,7 @@ from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.loop.priority import has_fifo
 
 if TYPE_CHECKING:
-    from liftgate_hil.config.wire_choice import WireChoice
+    from liftgate_hil.config.vehicle_choice import WireChoice
     from liftgate_hil.drive.result import Result
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.loop.listener import Listener
@@ -59,8 +59,8 @@ def run_loop(
     it is a second process there. With `gives_up_late` a run ends at the first lateness after which its verdicts
     are not all known. Raises LiftgateError; what went wrong in the run is in the result.
     """
-    from liftgate_hil.config.after_the_end import stimuli_after
     from liftgate_hil.config.rig_fit import notes_on_fit
+    from liftgate_hil.config.scenario import stimuli_after
     from liftgate_hil.drive.run import execute
     from liftgate_hil.plan.plan import plan_of
 

@@ -28,7 +28,7 @@ from typing import (
     overload,
 )
 
-from liftgate_hil.config.kinds import Kind
+from liftgate_hil.config.kinds import SEED, Kind, Number
 from liftgate_hil.config.toml import Table, known_keys, shortened, show
 from liftgate_hil.errors import ConfigError, ConfigIssues
 
@@ -309,3 +309,13 @@ def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequenc
 def dotted(prefix: str, name: str) -> str:
     """Return the dotted key of a table's key; the prefix of a file itself is empty."""
     return f"{prefix}.{name}" if prefix else name
+
+
+def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
+    """Return a number within [low, high]. Raises ConfigError."""
+    return float(value_of(name, value, Number(low, high, unit)))
+
+
+def seed_of(value: object, name: str = "seed") -> int:
+    """Return a seed. Raises ConfigError."""
+    return int(value_of(name, value, SEED))

@@ -18,13 +18,12 @@ from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
 from liftgate_hil.config.diagnostics import diagnostics_of
 from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, reset_of
-from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
 from liftgate_hil.config.signal_mapping import signal_mappings
-from liftgate_hil.config.toml import Table, read_toml, show
+from liftgate_hil.config.toml import Table, check_kind, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS

@@ -16,13 +16,13 @@ from liftgate_hil.codec.bus_config import SignalMapping, counted_range
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, send_type_of
 from liftgate_hil.config.drafting.candidates import NOBODY, is_protection
-from liftgate_hil.config.drafting.j1939 import notes_on_j1939
-from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.shipped import data_root
+from liftgate_hil.config.signal_mapping import missing_values
+from liftgate_hil.config.signal_name import notes_on_j1939
 from liftgate_hil.config.units import conversion
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL

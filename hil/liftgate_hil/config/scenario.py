@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,14 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from liftgate_hil.config.described import fields_of, read_record
-from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.files import is_there, issue_with
-from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import ScenarioTable
-from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
+from liftgate_hil.config.scenario_tables import Fault, FoundTables, PointsReader, TableReader, check_once
 from liftgate_hil.config.settings import Setting, settings_in
-from liftgate_hil.config.toml import Table, number, read_toml, show, table
+from liftgate_hil.config.toml import Table, check_kind, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.stimuli.moments import Instant
@@ -359,3 +358,28 @@ def _beside(path: Path, name: str | None) -> str | None:
 def _order(request: Request) -> float:
     """Return the sort key of a request: its time, or infinity if it waits for a condition."""
     return math.inf if request.when.condition else request.when.time
+
+
+def stimuli_after(scenario: Scenario, end: float) -> list[str]:
+    """Return a note for each stimulus that begins, or profile that changes, at or after the end of a run [s]."""
+    return [
+        f"{what} at {instant.time:g} s is never made: the run ends at {end:g} s"
+        for what, instant in begins(scenario)
+        if not instant.condition and instant.time >= end
+    ]
+
+
+def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
+    """Yield what each stimulus is, and when it begins."""
+    for request in scenario.requests:
+        yield f"request {request.action}", request.when
+    for timed in scenario.stimuli.obstacles:
+        yield "an obstacle", timed.start
+    for fault in scenario.faults:
+        yield f"fault {fault.kind}", fault.start
+    for name, profile in scenario.stimuli.profiles.items():
+        for (time, value), (later, other) in itertools.pairwise(profile.points):
+            if other != value:
+                yield f"change of {name}", Instant(time if profile.is_linear else later)
+    for signal in scenario.signals:
+        yield f"signal {signal.signal}", signal.when

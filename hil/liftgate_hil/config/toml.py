@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -160,3 +160,24 @@ def show(value: object) -> str:
 def shortened(text: str) -> str:
     """Return a text, shortened to at most 60 characters."""
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# Some keys of each kind, which no other kind has.
+MARKS = {
+    "rig": ("dbc", "inputs", "outputs"),
+    "vehicle": ("drives", "motor", "gear", "spindle"),
+    "scenario": ("expect", "request", "obstacle", "profile", "fault", "precondition"),
+    "campaign": ("part",),
+}
+_SHARED = {"description"}  # keys of several kinds
+
+
+def check_kind(path: Path, content: Table, kind: str, known: Collection[str]) -> None:
+    """Raise ConfigError where a file has none of the `known` keys of its kind, and keys of another kind."""
+    if not content.keys().isdisjoint({*known} - _SHARED):
+        return
+    for other, marks in MARKS.items():
+        if other != kind and not content.keys().isdisjoint(marks):
+            raise ConfigError(
+                f"{path}: a {other} file, not a {kind}; allowed: a {kind} with {', '.join(MARKS[kind])}, …"
+            )

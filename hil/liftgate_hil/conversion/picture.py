@@ -10,10 +10,9 @@ import numpy as np
 
 from liftgate_hil.config.drafting.words import concepts_in, words_of
 from liftgate_hil.conversion.held_values import differences_of
-from liftgate_hil.conversion.ours import ours_in
 from liftgate_hil.conversion.partners import nearest, ns_of
 from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
-from liftgate_hil.conversion.table import Floats
+from liftgate_hil.conversion.table import Floats, ours_in
 from liftgate_hil.errors import ConfigError, with_unit
 from liftgate_hil.formats.recording import COMMAND, Recording
 from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style

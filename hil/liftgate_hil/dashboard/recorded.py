@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.config.fault_kinds import SIDES
-from liftgate_hil.conversion.ours import ours_in
-from liftgate_hil.conversion.table import open_whole
+from liftgate_hil.conversion.table import open_whole, ours_in
 from liftgate_hil.dashboard.source import (
     JsonObject,
     check_columns,

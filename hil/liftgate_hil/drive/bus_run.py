@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.drive.execution import Execution
 from liftgate_hil.drive.precondition import phases_of
 from liftgate_hil.drive.stepping import CommandLog

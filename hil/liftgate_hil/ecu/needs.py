@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS
+from liftgate_hil.config.signal_mapping import missing_values
 from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:

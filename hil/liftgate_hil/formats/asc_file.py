@@ -15,16 +15,17 @@ from liftgate_hil.formats.bus_log import (
     REQUEST,
     BusLog,
     Fields,
+    LogLines,
+    NotUnderstoodError,
     bus_of,
     is_length,
     length_of_code,
+    lines_in,
     log_of,
 )
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
-from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
-from liftgate_hil.formats.message_writer import MessageWriter
-from liftgate_hil.formats.text_blocks import lines_in
+from liftgate_hil.formats.writer import MessageWriter
 
 _HEAD = 40  # lines that may hold the header
 _BASE = re.compile(

@@ -31,8 +31,8 @@ from liftgate_hil.formats.bus_log import (
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
-from liftgate_hil.formats.message_writer import MessageWriter
 from liftgate_hil.formats.reading import as_config_errors
+from liftgate_hil.formats.writer import MessageWriter
 
 _CONTAINER_BYTES = 128 * 1024  # that are compressed together
 _WALL_US = 631_152_000_000_000  # 1990: python-can takes an earlier start as none

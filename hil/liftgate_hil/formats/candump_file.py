@@ -27,10 +27,20 @@ from liftgate_hil.codec.frames import (
 )
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, NO_TIME_NS, BusLog, Fields, Part, Sorter, is_length, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    NO_TIME_NS,
+    BusLog,
+    Fields,
+    Part,
+    Sorter,
+    TextBlock,
+    is_length,
+    log_of,
+    text_blocks,
+)
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.text_blocks import TextBlock, text_blocks
 from liftgate_hil.formats.writer import StreamWriter
 
 _WIDTH = 2 * MAX_BYTES

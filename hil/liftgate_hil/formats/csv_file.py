@@ -23,9 +23,19 @@ import orjson
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
-from liftgate_hil.formats.csv_cells import doubts_about, first_cells, with_newlines, without_words
-from liftgate_hil.formats.csv_header import NOT_FINITE, NUMBER, UNNAMED, decoded, header_of, without_comments
-from liftgate_hil.formats.date_column import FORMS, Stamp, seconds_since, stamp_of
+from liftgate_hil.formats.csv_header import (
+    NOT_FINITE,
+    NUMBER,
+    UNNAMED,
+    decoded,
+    doubts_about,
+    first_cells,
+    header_of,
+    with_newlines,
+    without_comments,
+    without_words,
+)
+from liftgate_hil.formats.local_time import FORMS, Stamp, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
 from liftgate_hil.formats.reading import as_config_errors
 from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal

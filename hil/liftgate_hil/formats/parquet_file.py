@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, RowBatch
-from liftgate_hil.formats.date_column import Stamp
+from liftgate_hil.formats.local_time import Stamp
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import (

@@ -1,8 +1,9 @@
-"""File formats: one table of suffixes, with what a file of each format holds and who reads and writes it."""
+"""File formats: one table of suffixes, with what a file of each format holds, who reads it and who writes it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +14,14 @@ if TYPE_CHECKING:
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.recording import Recording
     from liftgate_hil.formats.writer import Writer
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limit of a recording's files."""
+
+    size: int  # bytes
+    keep: int | None = None  # number of files that are kept, the latest ones; None: all
 
 
 class Format(NamedTuple):

@@ -14,11 +14,20 @@ from typing import Any, BinaryIO
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, bus_of, is_length, length_of_code, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    BusLog,
+    Fields,
+    LogLines,
+    NotUnderstoodError,
+    bus_of,
+    is_length,
+    length_of_code,
+    lines_in,
+    log_of,
+)
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import as_days, local_of, of_days, stated_in
-from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
-from liftgate_hil.formats.text_blocks import lines_in
 from liftgate_hil.formats.writer import StreamWriter
 
 # Message types of version 2: data, CAN FD with and without BRS and ESI, remote.

@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database import database_file, load_messages
 from liftgate_hil.config.drafting.candidates import SignalCandidate, find_candidates
-from liftgate_hil.config.drafting.j1939 import notes_on_j1939
-from liftgate_hil.config.drafting.lines import DraftLine, line_for, quoted
-from liftgate_hil.config.drafting.protections import checksums_of, open_counters_of, protection_lines
+from liftgate_hil.config.drafting.lines import (
+    DraftLine,
+    checksums_of,
+    line_for,
+    open_counters_of,
+    protection_lines,
+    quoted,
+)
 from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.rig import rig_of_content
+from liftgate_hil.config.signal_name import notes_on_j1939
 from liftgate_hil.errors import ConfigIssues, printable
 from liftgate_hil.signals import PANEL
 
