@@ -249,10 +249,7 @@ def _check_overlap(
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
-    """Check that a signal carries one quantity or one part of the protection, and note the issues.
-
-    Two quantities may share a signal only where they are received.
-    """
+    """Note where a sent signal carries two quantities, or a signal one and a part of the protection."""
     taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),

@@ -94,10 +94,7 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
 
 
 def _encoding(raw: bytes, kind: str) -> str:
-    """Return the encoding: that of a byte order mark, else UTF-8 if it is valid, else that of the format.
-
-    Hardly any cp1252 text with letters beyond ASCII is valid UTF-8.
-    """
+    """Return the encoding by a byte order mark, else UTF-8 if it is valid (cp1252 hardly is), or the format's."""
     for mark, encoding in _MARKS.items():
         if raw.startswith(mark):
             return encoding

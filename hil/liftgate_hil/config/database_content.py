@@ -237,10 +237,7 @@ def _fault_of(message: Message) -> str:
 
 
 def _too_large_numbers(message: Message) -> Iterator[str]:
-    """Yield the factors, offsets, limits and label values that are too large for a float.
-
-    In a database they may have any number of digits; a float holds 308.
-    """
+    """Yield the factors, offsets, limits and label values that are too large for a float."""
     for signal in message.signals:
         for what, value in (
             ("factor", signal.scale),

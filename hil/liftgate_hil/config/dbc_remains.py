@@ -254,10 +254,7 @@ def _plain_fault(statement: Statement) -> str:
 
 
 def _refused_by_grammar(statements: Sequence[Statement]) -> Iterator[tuple[Statement, Exception]]:
-    """Yield the statements that cantools' grammar refuses, and its exception.
-
-    The exception says where it is, unless a text without its end has taken other statements with it.
-    """
+    """Yield the statements that cantools' grammar refuses, and its exception, which mostly says where it is."""
     for first in range(0, len(statements), BLOCK):
         rest = statements[first : first + BLOCK]
         while (error := _grammar_error(rest)) is not None:

@@ -10,15 +10,15 @@ from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.sending import LONGEST_MS
 from liftgate_hil.config.described import Field, Record, read_record
-from liftgate_hil.config.kinds import Flag, Number, Whole
-from liftgate_hil.config.toml import Table, show
+from liftgate_hil.config.kinds import Flag, Number, OfKind, Whole
+from liftgate_hil.config.toml import Table, is_whole, show
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.errors import ConfigIssues
 
 _LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
 
 
-class _Identifier:
+class _Identifier(OfKind[str | int]):
     """A message of the database, or an identifier."""
 
     allowed = f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
@@ -26,15 +26,11 @@ class _Identifier:
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
         """Return the name or the identifier; -1 and an issue if it is neither."""
-        is_number = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LAST
-        if not is_number and not isinstance(value, str):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        found: str | int = value
-        return found
+        is_valid = isinstance(value, str) or is_whole(value, 0, _LAST)
+        return value if is_valid else self.refused(issues, key, value)
 
 
-class _Padding:
+class _Padding(OfKind[int]):
     """The byte that pads frames, or none."""
 
     allowed, invalid = 'a byte, 0 to 255, or "none" for frames without padding', 0
@@ -43,10 +39,7 @@ class _Padding:
         """Return the padding byte, -1 for none; 0 and an issue if it is invalid."""
         if value == "none":
             return -1
-        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255:
-            return value
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return self.invalid
+        return value if is_whole(value, 0, 255) else self.refused(issues, key, value)
 
 
 # fmt: off

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from liftgate_hil.codec.checksum import KINDS, PROFILES
@@ -18,8 +18,8 @@ from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.sending import LONGEST_MS
 from liftgate_hil.codec.tables import MOST_COVERED
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
-from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Subtable, Text, Whole
-from liftgate_hil.config.toml import Table, known_keys, show, table, text
+from liftgate_hil.config.kinds import Choice, Flag, Number, OfKind, Raw, Subtable, Text, Whole
+from liftgate_hil.config.toml import Table, is_whole, known_keys, show, table, text
 from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
@@ -35,24 +35,18 @@ _COVERS = (
 _DATA_ID = f"0 to 0x{_LARGEST_ID:X}, or a list of 2 to {MOST_DATA_IDS} of these"
 
 
-@dataclass(frozen=True)
-class _Bits:
+class _Bits(OfKind[int]):
     """A number of at most as many bits as the signal has."""
 
-    low: int = 0
     invalid = 0
 
-    @property
-    def allowed(self) -> str:
-        """The allowed values in words."""
-        return f"a whole number from {self.low} to 2^width - 1"
+    def __init__(self, low: int = 0) -> None:
+        super().__init__(f"a whole number from {low} to 2^width - 1")
+        self._low = low
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the number; 0 and an issue if it is invalid. Its bits are checked once the width is known."""
-        if isinstance(value, bool) or not isinstance(value, int) or value < self.low:
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return value
+        return value if is_whole(value, self._low) else self.refused(issues, key, value)
 
 
 # fmt: off
@@ -110,8 +104,7 @@ def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message
     if issues.count == before and not lowest <= start <= highest:
         issues.add(f"{key}.start", f"{start}; allowed: {lowest} to {highest}")
     step, most = counter.step, highest - lowest
-    is_whole = isinstance(step, int) and not isinstance(step, bool)
-    if issues.count == before and not (is_whole and 0 < abs(step) <= most):
+    if issues.count == before and not (is_whole(step, -most, most) and step):
         others = f"-{most} to -1, 1 to {most}" if most > 1 else "-1 or 1"
         issues.add(f"{key}.step", f"{show(step)}; allowed: {others}")
     if issues.count > before:
@@ -173,11 +166,9 @@ def _own_data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | Non
     """Return the data ID or the list of data IDs as a tuple, empty if there is none."""
     if value is None:
         return ()
-    given: Sequence[Any] = value if isinstance(value, list) else [value]
     is_list = isinstance(value, list)
-    are_fine = all(
-        isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= _LARGEST_ID for each in given
-    )
+    given: Sequence[Any] = value if is_list else [value]
+    are_fine = all(is_whole(each, 0, _LARGEST_ID) for each in given)
     if not are_fine or (is_list and not 2 <= len(given) <= MOST_DATA_IDS):
         issues.add(key, f"{show(value)}; allowed: {_DATA_ID}")
         return ()
@@ -345,19 +336,18 @@ def message_options(issues: ConfigIssues, section: Table, messages: Messages) ->
         cycle, timeout = given.cycle_ms, given.timeout_cycles
         if cycle is not None and math.isnan(cycle):
             issues.settle(f"{key}.cycle_ms")  # so that it is not also reported as missing
-        result[name] = MessageOptions(  # NaN: invalid, which is reported
+        result[name] = replace(  # NaN: invalid, which is reported
+            _protection(issues, key, given, raw, messages[name]),
             cycle_ms=None if cycle is None or math.isnan(cycle) else cycle,
             timeout_cycles=MessageTable.timeout_cycles if math.isnan(timeout) else timeout,
-            brs=given.brs,
-            **_protection(issues, key, given, raw, messages[name]),
         )
     return result
 
 
 def _protection(
     issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: Message
-) -> dict[str, Any]:
-    """Return the fields of MessageOptions that say how a message is protected; `raw` are the keys that it has."""
+) -> MessageOptions:
+    """Return the settings of a message without its times; `raw` are the keys that it has."""
     signals = [each.name for each in message.signals]
     counting, own = Counting(), None
     counter, checksum = given.counter, given.checksum
@@ -379,14 +369,15 @@ def _protection(
         checksum, own = checksum_table(issues, f"{key}.checksum", checksum, message, counter)
     else:
         checksum = _own_signal(issues, f"{key}.checksum", checksum, signals)
-    return {
-        "counter": counter,
-        "checksum": checksum,
-        "checksum_kind": given.checksum_kind or "none",
-        "e2e": e2e,
-        "counting": counting,
-        "own": own,
-    }
+    return MessageOptions(
+        counter=counter,
+        checksum=checksum,
+        checksum_kind=given.checksum_kind or "none",
+        e2e=e2e,
+        counting=counting,
+        brs=given.brs,
+        own=own,
+    )
 
 
 def _end_to_end(

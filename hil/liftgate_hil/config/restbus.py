@@ -12,7 +12,7 @@ from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, needs_fd
 from liftgate_hil.config.signal_name import find_signal, listed, listed_signals
-from liftgate_hil.config.toml import show
+from liftgate_hil.config.toml import is_number, show
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant, moved
 from liftgate_hil.stimuli.restbus import BusTables, SignalChange
@@ -86,8 +86,7 @@ def value_in(
     low, high = physical_range(signal)
     if isinstance(value, str) and value in labels:
         return float(signal.scale) * labels[value] + float(signal.offset)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not low <= float(str(value)) <= high:
+    if not is_number(value) or not low <= float(str(value)) <= high:
         words = f", or one of {listed(list(labels))}" if labels else ""
         unit = f" {signal.unit}" if signal.unit else ""
         issues.add(f"{key}value", f"{show(value)}; allowed: {low:g} to {high:g}{unit}{words}")

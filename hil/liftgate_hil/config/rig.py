@@ -337,10 +337,7 @@ def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
 
 
 def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
-    """Whether cars use an identifier for diagnostics.
-
-    With 11 bits ISO 15765-4 says so, with 29 the fixed addresses of ISO 15765-2.
-    """
+    """Whether cars use an identifier for diagnostics: ISO 15765-4 for 11 bits, ISO 15765-2 for 29."""
     if is_extended:
         return identifier >> 16 in (0x18DA, 0x18DB)
     return 0x7E0 <= identifier <= 0x7EF

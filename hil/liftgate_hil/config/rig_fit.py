@@ -82,10 +82,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
 
 
 def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, ExpectedRange]:
-    """Return the expected values of one drive, by names without its side.
-
-    A stalled motor and one without load are the extremes.
-    """
+    """Return the expected values of one drive, by names without its side; at most stalled or without load."""
     sensors, motor, supply = vehicle.sensors, drive.motor, vehicle.supply.voltage
     stall = supply / motor.resistance
     turns = stroke * drive.gear.ratio / drive.spindle.lead

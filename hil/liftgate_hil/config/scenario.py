@@ -243,10 +243,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return the files of a scenario, each once, after those that it includes. Raises ConfigError.
-
-    `above` are the files that include this one; those that are `known` have been read, and it becomes one of them.
-    """
+    """Return the files of a scenario after those that they include, none that is `known`. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -292,10 +289,7 @@ def _lines_of(issues: ConfigIssues) -> list[str]:
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the parameters of all files, with `replaced` applied, and how issues name each.
-
-    A file's own parameters override those of the files that it includes.
-    """
+    """Return the parameters of all files, a file's own before included ones, and how issues name each."""
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
     top_keys = {key.name for key in fields_of(ScenarioTable)}
@@ -322,11 +316,7 @@ def _parameters(
 def _filled_in(
     part: _PartRead, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
-    """Return a value with each `$name` in it replaced by the parameter; conditions resolve theirs themselves.
-
-    An issue with such a value is reported for the place that the parameter comes from, unless that is the same
-    file.
-    """
+    """Return a value with each `$name` in it replaced by the parameter; issues name where that comes from."""
     issues = part.issues
     if isinstance(value, dict):
         return {name: _filled_in(part, f"{key}.{name}", each, parameters, origins) for name, each in value.items()}

@@ -16,7 +16,7 @@ from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
 from liftgate_hil.config.signal_name import find_signal
-from liftgate_hil.config.toml import Table, known_keys, number, show
+from liftgate_hil.config.toml import Table, is_number, known_keys, number, show
 from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, renamed_output
@@ -138,11 +138,7 @@ def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Sig
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
-    """Return the conversion from the unit of a database's signal to that of our quantity.
-
-    A plain number needs no unit. An unknown unit, or one of another dimension, adds an issue under `key`; the
-    result is then SAME.
-    """
+    """Return the conversion from a database's unit to that of our quantity; SAME and an issue if there is none."""
     if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)
@@ -170,10 +166,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
 ) -> dict[str, Any] | None:
-    """Return the labels of the database's value table by our values; None if their numbers are ours, too.
-
-    If labels for our values are missing, None is returned and an issue noted.
-    """
+    """Return the database's labels by our values; None if their numbers are ours, and with an issue if some lack."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
@@ -236,13 +229,9 @@ def missing_values(mapping: SignalMapping) -> list[str]:
 
 
 def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
-    """Return the physical value of a number, or of a label by the signal's value table; NaN for anything else.
-
-    An unknown label is also noted as an issue. `theirs` is the signal of the database.
-    """
+    """Return the physical value of a number, or of a label of `theirs`; NaN for others."""
     if not isinstance(value, str):
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        return float(value) if is_number and abs(value) <= 1e15 else math.nan
+        return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
     for raw, text in (theirs.choices or {}).items():
         if str(text) == value:
             return float(theirs.scale) * float(raw) + float(theirs.offset)

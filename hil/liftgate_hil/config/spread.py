@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Choice, Number, Raw
-from liftgate_hil.config.toml import Table, number, show, table
+from liftgate_hil.config.toml import Table, is_number, number, show, table
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.noise import gaussian, uniform
@@ -180,8 +180,7 @@ def _value(raw: Mapping[str, Any], names: Names) -> float | None:
         for name in path:
             place = place.get(name) if isinstance(place, dict) else None
         if place is not None:
-            fits = isinstance(place, int | float) and abs(place) <= _MOST
-            return float(place) if fits and not isinstance(place, bool) else None
+            return float(place) if is_number(place) and abs(place) <= _MOST else None
     return None if key.default is None else float(key.default / key.quantity.scale)
 
 

@@ -7,10 +7,10 @@ import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from liftgate_hil.config.files import read_bytes
-from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names, nearest
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names, nearest, with_unit
 
 Table = dict[str, Any]
 
@@ -91,18 +91,27 @@ def _is_deeper(content: Table, levels: int) -> bool:
     return True
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a number; a boolean is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def is_whole(value: object, low: float = -math.inf, high: float = math.inf) -> TypeGuard[int]:
+    """Whether a value is a whole number within [low, high]; a boolean is none."""
+    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
 def number(
     issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = "", least: float = 0.0
 ) -> float:
     """Return `value` as a float within [low, high], not between 0 and `least`; else NaN and an issue."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
-    allowed = f"{begin} to {high:g}{' ' + unit if unit else ''}"
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    allowed = with_unit(f"{begin} to {high:g}", unit)
+    if not is_number(value):
         issues.add(key, f"{show(value)} is not a number; allowed: {allowed}")
         return math.nan
-    if (
-        not low <= value <= high or 0.0 < value < least
-    ):  # true for NaN, too; whole numbers may be too large for a float
+    # True for NaN, too; whole numbers may be too large for a float.
+    if not low <= value <= high or 0.0 < value < least:
         issues.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)

@@ -219,10 +219,7 @@ def _unit(quantity: Quantity) -> str:
 
 
 def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that no motor makes energy, as one with c1Φ of more than c2Φ/2π does.
-
-    Its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes.
-    """
+    """Check that no motor makes energy: its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes."""
     limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
     given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
     for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
@@ -290,10 +287,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Check that the striker's distances from home fall in the order in which it passes them: entry, half, full.
-
-    A latch without positions (half = 0) has none.
-    """
+    """Check that the striker passes in order: entry, half, full. A latch without positions (half = 0) has none."""
     if own.half == 0.0:
         return
     if own.full >= own.half:

@@ -252,10 +252,7 @@ def _time_tolerance_s(request: CompareRequest) -> float:
 def _draw(
     target: Path, tables: tuple[Recording, Recording], found: Comparison, request: CompareRequest, say: Say
 ) -> None:
-    """Draw columns of both recordings into the file `target`.
-
-    These are the requested ones; if there are none, those that differ and then the usual ones, _PICTURED at most.
-    """
+    """Draw the requested columns of both, else up to _PICTURED of those that differ and the usual ones."""
     from liftgate_hil.conversion import picture
     from liftgate_hil.conversion.sheet import write_picture
 

@@ -291,10 +291,7 @@ class _Copied:
         self._marks_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
-        """Copy the blocks of frames whose first frame is not later than `time_ns` [ns].
-
-        It returns early if `ended` returns true.
-        """
+        """Copy the blocks of frames that begin up to `time_ns` [ns], or until `ended`."""
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return

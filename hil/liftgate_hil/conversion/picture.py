@@ -11,11 +11,11 @@ import numpy as np
 from liftgate_hil.config.drafting.words import concepts_in, words_of
 from liftgate_hil.conversion.held_values import differences_of
 from liftgate_hil.conversion.partners import nearest, ns_of
-from liftgate_hil.conversion.sheet import FONT, HEIGHT, SMALL, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import HEIGHT, SMALL, WIDTH, finish, legend_above, sheet
 from liftgate_hil.conversion.table import Floats, ours_in
 from liftgate_hil.errors import ConfigError, with_unit
 from liftgate_hil.formats.recording import COMMAND, Recording
-from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line, new_figure, style
+from liftgate_hil.report.drawing import FINAL, GRID, INK, MARK, MEASURED, ORANGE, line
 from liftgate_hil.report.numbers import axis_label, clean, significant
 from liftgate_hil.signals import COLUMNS, INPUT_SIGNALS, SENSED_PREFIX
 
@@ -69,10 +69,7 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
 
 
 def _is_protection(name: str) -> bool:
-    """Whether a column is a counter or a checksum of its message by its name.
-
-    The name of a counter then says nothing else: a `TurnCounter` counts what is measured.
-    """
+    """Whether a column is a counter, which says nothing else (no `TurnCounter`), or a checksum, by its name."""
     message, _, signal = name.rpartition(".")
     own = [word for word in words_of(signal) if word not in words_of(message)]
     if "checksum" in concepts_in("_".join(own)):
@@ -112,10 +109,7 @@ def run_picture(
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
     """Plot columns of one recording over time, one panel below the other, with its marks (time [s], text)."""
-    with style():
-        settings()
-        figure = new_figure(HEIGHT * len(panels) + 0.6, WIDTH)
-        figure.suptitle(clean(title, 90), fontsize=FONT + 2.0)
+    with sheet(HEIGHT * len(panels) + 0.6, title) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
             for name, looks in zip(names, _repeated(len(names)), strict=True):
@@ -165,9 +159,7 @@ def two_pictures(
     first, second = both
     here, there = nearest(ns_of(first["time_s"]), ns_of(second["time_s"]), round(1e9 * time_tolerance))
     times = first["time_s"][here]
-    with style():
-        settings()
-        figure = new_figure(HEIGHT * len(names) + 0.8, WIDTH + 2.0)
+    with sheet(HEIGHT * len(names) + 0.8, "", WIDTH + 2.0) as figure:
         grid = figure.subplots(len(names), 2, sharex=True, squeeze=False, width_ratios=(1.5, 1.0))
         for (over, beside), name in zip(grid, names, strict=True):
             for columns, looks, title in zip(both, _LOOKS, titles, strict=False):

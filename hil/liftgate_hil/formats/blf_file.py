@@ -156,10 +156,7 @@ def _parts(path: Path, begin: int, account: Account) -> Iterator[Part]:
 
 
 def _objects_in(text: Any, at: int) -> tuple[list[tuple[int, int, int, int]], int]:
-    """Return where each whole object in a text begins, its header's size, its type, and where it ends.
-
-    Also returns where the rest begins, which is not whole. Raises ValueError where there is no object.
-    """
+    """Return begin, header's size, type, end of each whole object, and the rest's begin. Raises ValueError."""
     found: list[tuple[int, int, int, int]] = []
     while True:
         begin = text.find(b"LOBJ", at, at + _NEAR + 4)

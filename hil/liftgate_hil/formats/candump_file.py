@@ -249,11 +249,7 @@ class _Lines:
 
 
 def _identifier(name: str) -> int | None:
-    """Return the identifier of a name of hexadecimal digits, with its flags; None if there is no such frame.
-
-    More than three digits are those of an extended frame. Bit 29 marks an error frame, of any class
-    (linux/can/error.h).
-    """
+    """Return the identifier of hexadecimal digits (linux/can/error.h, too), with flags; None: no such frame."""
     number = int(name, 16)
     if number & ERROR and number < EXTENDED:
         return number & 0x3FFFFFFF

@@ -155,10 +155,7 @@ class CsvFile(Recording):
         return text if is_plain else decoded(self.path, text, at, self.encoding).encode()
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
-
-        `number` is that of the first row in the file.
-        """
+        """Return these columns (n, len(places)) of text, whose first row has this number. Raises ConfigError."""
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
@@ -234,10 +231,7 @@ class CsvFile(Recording):
         return values.reshape(len(ends), len(places))
 
     def _by_cell(self, text: bytes, written: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return the columns by parsing cell by cell, so that ConfigError can name the row and the cell.
-
-        `text` has decimal points, `written` is what the file has.
-        """
+        """Return the columns cell by cell, so that ConfigError names row and cell as `written` in the file."""
         rows = self._rows_of(text)
         width = len(self.names)
         for row, cells in enumerate(rows):

@@ -76,10 +76,7 @@ class McapFile(Recording):
             yield rows
 
     def _joined(self, parts: Sequence[list[list[Any]]]) -> Floats:
-        """Return the columns of several topics side by side, the time once; null is NaN.
-
-        `parts` are the rows of each topic, which begin with the time. Raises ConfigError if times differ.
-        """
+        """Return the columns of topics (rows that begin with the same times) side by side. Raises ConfigError."""
         try:
             tables = [np.array(rows, dtype=np.float64) for rows in parts]
         except (TypeError, ValueError) as error:

@@ -97,10 +97,7 @@ _HEADER_BLOCK, _BLOCK_HEAD = 64, 24
 
 
 def _check_groups(path: Path) -> None:
-    """Follow the chains of data groups and channel groups: asammdf never ends if one of them forms a ring.
-
-    Raises ConfigError.
-    """
+    """Raise ConfigError where a chain of data or channel groups forms a ring: asammdf would never end."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(_HEADER_BLOCK)

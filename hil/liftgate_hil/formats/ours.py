@@ -53,10 +53,7 @@ def is_ours(path: Path) -> bool:
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether a file is as this program completed it; of a table its columns count where nobody can tell.
-
-    Raises OSError.
-    """
+    """Whether a file is as we completed it; a table's columns count where nobody can tell. Raises OSError."""
     try:
         return os.getxattr(path, _ATTRIBUTE) == _signature(path)
     except OSError as error:

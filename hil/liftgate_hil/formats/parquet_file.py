@@ -191,10 +191,7 @@ def _is_number(types: Any, kind: Any) -> bool:
 
 
 def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
-    """Return the columns of dates and times, with the first moment of each and their unit [ns].
-
-    Dates count from the first row, times of day and durations from 0.
-    """
+    """Return the columns of dates (from the first row on) and times, each with its 0 and its unit [ns]."""
     from pyarrow import types
 
     found = {}

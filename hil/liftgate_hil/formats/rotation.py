@@ -143,11 +143,7 @@ def _remove_ours(path: Path) -> None:
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside the files of an earlier recording with a limit, and return their new paths, the oldest first.
-
-    They replace those of the one before. Files of others stay, and so do `inputs`. Raises ConfigError if another
-    recorder writes to one of them, OSError.
-    """
+    """Set aside an earlier recording's files, but no `inputs`; return the paths. Raises ConfigError, OSError."""
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )

@@ -89,10 +89,7 @@ class CanTransport:
         return bus
 
     def _reopen(self, timeout: float) -> None:
-        """Try to reopen a lost bus, at most every _RETRY [s]; else sleep for up to `timeout` [s].
-
-        Frames that a reopened bus had held back are dropped and counted.
-        """
+        """Try to reopen a lost bus every _RETRY [s], and drop what waits; else sleep up to `timeout` [s]."""
         now = time.monotonic()
         if now >= self._retry:
             self._retry = now + _RETRY
