@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, BitPlace
 from liftgate_hil.codec.counter import MOST_VALUES, Counting
-from liftgate_hil.codec.e2e import profile_1
 from liftgate_hil.codec.rocksoft import Rocksoft
 from liftgate_hil.errors import ConfigIssues
 
@@ -29,7 +28,7 @@ class EndToEnd:
 
     profile: str  # one of checksum.PROFILES
     data_ids: tuple[int, ...]  # one; in profile 2 sixteen
-    data_id_mode: str = "both"  # one of profile_1.DATA_ID_MODES
+    data_id_mode: str = "both"  # one of checksum.DATA_ID_MODES
     nibble: str | None = None  # signal that carries the data ID's nibble
     max_delta: int = 1  # largest tolerated step of the counter; 1: no frame may be lost
     sync: int = 0  # frames after a wrong sequence that are not used
@@ -184,7 +183,7 @@ def _profile_columns(e2e: EndToEnd, nibble: int) -> dict[str, Any]:
     """Return the columns of tables.END_TO_END."""
     return {
         "data_ids": (e2e.data_ids * 16)[:16],
-        "data_id_mode": profile_1.DATA_ID_MODES[e2e.data_id_mode],
+        "data_id_mode": checksum.DATA_ID_MODES[e2e.data_id_mode],
         "nibble": nibble,
         "max_delta": e2e.max_delta,
         "sync": e2e.sync,

@@ -96,9 +96,9 @@ OWN_CHECKSUM = np.dtype(
 END_TO_END = np.dtype(
     [
         ("data_ids", "i8", (16,)),  # the data ID; in profile 2 the data ID list
-        ("data_id_mode", "i8"),  # of profile 1, see e2e.profile_1.DATA_ID_MODES
+        ("data_id_mode", "i8"),  # of profile 1, see checksum.DATA_ID_MODES
         ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
-        # Parameters of the check and its state machine, see e2e/check_state.py.
+        # Parameters of the check and its state machine, see check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
         ("window", "i8"),

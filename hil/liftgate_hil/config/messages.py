@@ -8,10 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from liftgate_hil.codec.checksum import KINDS, PROFILES
+from liftgate_hil.codec.check_state import MAX_WINDOW
+from liftgate_hil.codec.checksum import DATA_ID_MODES, KINDS, PROFILES
 from liftgate_hil.codec.counter import Counting
-from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
-from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions, own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import physical_range
+from liftgate_hil.codec.bus_config import MAX_PAGES, pages_of, physical_range
 from liftgate_hil.codec.frames import MAX_BYTES
-from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, needs_fd
 from liftgate_hil.config.signal_name import find_signal, listed, listed_signals

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -250,17 +249,11 @@ def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> 
     orders = orders_of(given.inject or {}, rig.tables, rig.mapped, issues)
     rig = replace(rig, driver=DriverButtons(buttons, reset), orders=orders)
     for make in (rig.input_config, rig.output_config):
-        with _collecting(issues):
+        try:
             make()
+        except ConfigError as error:
+            issues.take(issues.unsettled(error.issues))
     return rig, issues
-
-
-@contextlib.contextmanager
-def _collecting(issues: ConfigIssues) -> Iterator[None]:
-    try:
-        yield
-    except ConfigError as error:
-        issues.take(issues.unsettled(error.issues))
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:

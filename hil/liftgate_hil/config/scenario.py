@@ -163,11 +163,17 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
         TableReader(part.path, part.issues, parameters, file.points, kept.tables).read(own, found)
     check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
-    if any(part.issues.count for part in parts):
-        raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
+    lines: list[str] = []
+    for part in parts:
+        try:
+            part.issues.raise_if_any()
+        except ConfigError as error:
+            lines += error.issues
+    if lines:
+        raise ConfigError(lines)
     return Scenario(
         TimedStimuli(dict(found.profiles), tuple(found.obstacles)),
-        tuple(sorted(found.requests, key=_order)),
+        tuple(sorted(found.requests, key=lambda each: math.inf if each.when.condition else each.when.time)),
         top.duration,
         precondition=top.precondition,
         timing_tolerance=top.timing_tolerance_s,
@@ -278,14 +284,6 @@ def _included(raw: Table) -> tuple[str, ...]:
     return tuple(names) if is_list else ()
 
 
-def _lines_of(issues: ConfigIssues) -> list[str]:
-    try:
-        issues.raise_if_any()
-    except ConfigError as error:
-        return error.issues
-    return []
-
-
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
@@ -343,11 +341,6 @@ def _beside(path: Path, name: str | None) -> str | None:
     beside = path.parent / name
     is_path = bool(Path(name).suffix) or len(Path(name).parts) > 1
     return str(beside) if (is_there(beside) if is_path else not issue_with(beside)) else name
-
-
-def _order(request: Request) -> float:
-    """Return the sort key of a request: its time, or infinity if it waits for a condition."""
-    return math.inf if request.when.condition else request.when.time
 
 
 def stimuli_after(scenario: Scenario, end: float) -> list[str]:

@@ -166,7 +166,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
 ) -> dict[str, Any] | None:
-    """Return the database's labels by our values; None if their numbers are ours, and with an issue if some lack."""
+    """Return the database's labels by our values; None if their numbers are ours, or, with an issue, some lack."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}

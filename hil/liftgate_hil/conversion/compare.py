@@ -184,11 +184,7 @@ def _values(found: Compared, place: int) -> Values:
 _PICTURED = 6  # columns that are drawn where none are named
 
 
-def _nobody(text: str) -> None:
-    """Ignore how far a comparison is."""
-
-
-def compared(request: CompareRequest, report: Callable[[str], None] = _nobody, say: Say = silent) -> Comparison:
+def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -> Comparison:
     """Compare two recordings, and draw them where the request names a picture.
 
     `report` is called with how far it is, `say` with what becomes of a picture that was there. Raises ConfigError.
@@ -198,7 +194,11 @@ def compared(request: CompareRequest, report: Callable[[str], None] = _nobody, s
     how = read_options(request.recording_channel, request.timezone)
     paths = Path(request.first), Path(request.second)
     inputs = [*paths, *([] if rig is None else files_of(rig))]
-    target = None if request.output is None else _target(str(request.output), inputs)
+    target = None
+    if request.output is not None:
+        from liftgate_hil.conversion.sheet import check_picture  # imported only for a picture, as that takes time
+
+        target = check_picture(str(request.output), inputs)
     sources = open_recording(paths[0], how), open_recording(paths[1], how)
     have_frames = all(each.channel is not None for each in sources)
     have_rows = rig is not None or all(each.signals for each in sources)
@@ -237,12 +237,6 @@ def compare(request: CompareRequest) -> Comparison:
     Rows are compared at the times that both have. Raises ConfigError.
     """
     return compared(request)
-
-
-def _target(name: str, inputs: Sequence[str | Path]) -> Path:
-    from liftgate_hil.conversion.sheet import check_picture  # imported only for a picture, as that takes time
-
-    return check_picture(name, inputs)
 
 
 def _time_tolerance_s(request: CompareRequest) -> float:

@@ -62,16 +62,10 @@ class _Plan:
     notes: tuple[str, ...]
 
 
-def _never() -> bool:
-    return False
-
-
-def _nobody(rows: int, frames: int) -> None:
-    """Ignore how far a conversion is."""
-
-
 def converted(
-    request: ConvertRequest, stopped: Callable[[], bool] = _never, report: Callable[[int, int], None] = _nobody
+    request: ConvertRequest,
+    stopped: Callable[[], bool] = lambda: False,
+    report: Callable[[int, int], None] = lambda rows, frames: None,
 ) -> Converted:
     """Convert a recording: write it in the format of the target's suffix.
 
@@ -342,15 +336,12 @@ def _refuse_any(
     source: Recording, frames: NDArray[np.void], refused: NDArray[np.bool_], called: str, target: Path
 ) -> None:
     """Raise ConfigError if a frame is refused."""
-    if refused.any():
-        _refuse(source, frames[int(np.argmax(refused))], called, target)
-
-
-def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
+    if not refused.any():
+        return
+    time_s = frames["time_ns"][int(np.argmax(refused))] / 1e9
     whole = ", ".join(_WITH_ERRORS) if called == "an error frame" else ".mf4"
     raise ConfigError(
-        f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold unchanged; "
-        f"allowed: {whole}"
+        f"{source.path}: {called} at {time_s:.6f} s, which {target.suffix} cannot hold unchanged; allowed: {whole}"
     )
 
 

@@ -30,6 +30,10 @@ class TimedRows(NamedTuple):
         """Return some of the rows."""
         return TimedRows(self.times[chosen], self.values[chosen])
 
+    def between(self, begin: int, end: int) -> TimedRows:
+        """Return the rows after `begin` up to `end` [ns]."""
+        return self.where(slice(*np.searchsorted(self.times, (begin, end), side="right").tolist()))
+
     def then(self, others: TimedRows) -> TimedRows:
         """Return these rows and later ones."""
         if not len(self.times):
@@ -64,7 +68,7 @@ def partners(
         known = min(each.last for each in columns)
         until = known - tolerance if known < NEVER else NEVER
         if until > begin:
-            spans = [each.rows.where(_between(each.rows.times, begin, until)) for each in columns]
+            spans = [each.rows.between(begin, until) for each in columns]
             chosen = [
                 _has_partner(span.times, other.rows.times, tolerance)
                 for span, other in zip(spans, reversed(columns), strict=True)
@@ -91,11 +95,6 @@ def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Pl
     after = np.clip(np.searchsorted(others, times[here]), 1, max(len(others) - 1, 1))
     is_before = times[here] - others[after - 1] <= others[np.minimum(after, len(others) - 1)] - times[here]
     return here, np.where(is_before, after - 1, np.minimum(after, len(others) - 1))
-
-
-def _between(times: Nanoseconds, begin: int, end: int) -> slice:
-    """Return the place of the rows after `begin` up to `end` [ns]."""
-    return slice(*np.searchsorted(times, (begin, end), side="right").tolist())
 
 
 def _has_partner(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> NDArray[np.bool_]:

@@ -40,7 +40,7 @@ def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
 
 @contextlib.contextmanager
 def sheet(height: float, title: str, width: float = WIDTH, is_spaced: bool = False) -> Iterator[Figure]:
-    """Context for a figure of this size [inch] in a sheet's fonts; `is_spaced`: a blank line is below its title."""
+    """Context for a figure of this size [inch] in a sheet's fonts; `is_spaced`: a blank line below its title."""
     import matplotlib
 
     with style():

@@ -358,7 +358,6 @@ def open_mf4(path: Path) -> Mf4File:
         about=about,
         marks=marks,
         remarks=notes,
-        sample="sample",
         columns=columns,
         buses=buses,
         bus_number=number,

@@ -161,7 +161,8 @@ def open_parquet(path: Path) -> ParquetFile:
         others = {
             each.name: str(each.type)
             for each in schema
-            if each.name not in {*whole, *moments} and not _is_number(types, each.type)
+            if each.name not in {*whole, *moments}
+            and not (types.is_floating(each.type) or types.is_boolean(each.type) or types.is_decimal(each.type))
         }
     names = list(schema.names)
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -184,10 +185,6 @@ def open_parquet(path: Path) -> ParquetFile:
         about=about,
         start_ns=nanoseconds_of(start),
     )
-
-
-def _is_number(types: Any, kind: Any) -> bool:
-    return bool(types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind))
 
 
 def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:

@@ -191,11 +191,7 @@ def open_transport(way: Way) -> Transport:
     return CanTransport(way.can, way.is_fd)
 
 
-def _itself(transport: Transport) -> Transport:
-    return transport
-
-
-def open_line(way: Way, seen_by: Callable[[Transport], Transport] = _itself) -> Line:
+def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda transport: transport) -> Line:
     """Open the wire for the real-time loop; `seen_by` may wrap a transport in Python.
 
     Raises ConfigError, TransportError.
