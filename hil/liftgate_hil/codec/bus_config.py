@@ -333,7 +333,12 @@ def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
     for chains in sorted(places, key=len):  # signals with the fewest alternatives come first
         if any(is_on(page, chains) for page in pages):
             continue
-        free = [(page, chain) for chain in chains for page in pages if not _contradicts(page, chain)]
+        free = [
+            (page, chain)
+            for chain in chains
+            for page in pages
+            if all(page.get(name, value) == value for name, value in chain.items())
+        ]
         if free:
             page, chain = free[0]
             page |= chain

@@ -78,7 +78,7 @@ def value_in(
 
     `key` is the prefix of the keys signal and value in issues.
     """
-    signal = _signal_in(f"{key}signal", name, tables, taken, issues)
+    signal = check_signal(f"{key}signal", name, tables, taken, issues)
     if signal is None:
         return None
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
@@ -112,12 +112,7 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
     return tuple(found)
 
 
-def check_signal(key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> None:
-    """Note what is wrong with a signal that the bench shall send."""
-    _signal_in(key, name, tables, taken, issues)
-
-
-def _signal_in(
+def check_signal(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> DatabaseSignal | None:
     """Return the database's signal of a name if the bench may send it; else None and an issue."""

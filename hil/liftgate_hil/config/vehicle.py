@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.settings import Setting, applied, apply_setting
-from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import (
     Table,
     check_kind,
@@ -24,7 +23,7 @@ from liftgate_hil.config.toml import (
     table,
     text,
 )
-from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
+from liftgate_hil.config.variant import AS_FILED, Variant, settings_for, spreads_of
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body

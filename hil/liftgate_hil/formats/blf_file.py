@@ -99,8 +99,6 @@ _NEAR, _LOOKED_AT = 8, 64  # bytes within which the next object begins, as objec
 _MOST_BYTES = 1 << 26  # of an object: a larger size is damage
 
 _IS_CONTAINER = 10
-_MESSAGES, _FD_MESSAGES, _FD_64S = (1, 86), (100,), (101,)
-_ERRORS, _ERROR_EXTS, _FD_ERRORS = (2,), (73,), (104,)
 # Statistics, triggers, comments, markers, watermarks and the like: known to be no frames.
 _SILENT = frozenset((4, 5, 44, 51, 54, 65, 92, 94, 96, 98, 107, 112, 114, 115, 118, 119, 127, 128))
 _KINDS = {
@@ -296,12 +294,11 @@ def _fd_error(text: bytes, at: int) -> Read:
 
 
 _READERS: dict[int, Callable[[bytes, int], Read]] = {
-    **dict.fromkeys(_MESSAGES, _message),
-    **dict.fromkeys(_FD_MESSAGES, _fd_message),
-    **dict.fromkeys(_FD_64S, _fd_64),
-    **dict.fromkeys(_ERRORS, _error),
-    **dict.fromkeys(_ERROR_EXTS, _error),
-    **dict.fromkeys(_FD_ERRORS, _fd_error),
+    **dict.fromkeys((1, 86), _message),
+    **dict.fromkeys((2, 73), _error),
+    100: _fd_message,
+    101: _fd_64,
+    104: _fd_error,
 }
 
 

@@ -99,13 +99,9 @@ def _with_configuration(given: dict[str, Any]) -> dict[str, Any]:
     try:
         return dict(can.util.load_config(config=given))
     except Exception as error:  # its files and its environment may hold anything
-        named = f" (python-can says: {words_of(error)})" if _is_configured(given) else ""
+        is_configured = bool(given) or any(name.startswith("CAN_") for name in os.environ)
+        named = f" (python-can says: {words_of(error)})" if is_configured else ""
         raise ConfigError(_MISSING + named) from error
-
-
-def _is_configured(given: dict[str, Any]) -> bool:
-    """Whether anything about a bus is given, in the arguments or in the environment variables CAN_*."""
-    return bool(given) or any(name.startswith("CAN_") for name in os.environ)
 
 
 def _is_object(text: str) -> bool:
