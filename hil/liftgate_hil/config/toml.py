@@ -64,16 +64,11 @@ def read_toml(path: Path) -> Table:
     return content
 
 
-def copied_table(content: Table) -> Table:
+def copied_table(content: Any) -> Any:
     """Return a copy of a file's content, with tables and lists of its own."""
-    copied: Table = _copied(content)
-    return copied
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _copied(each) for name, each in value.items()}
-    return list(map(_copied, value)) if isinstance(value, list) else value
+    if isinstance(content, dict):
+        return {name: copied_table(each) for name, each in content.items()}
+    return list(map(copied_table, content)) if isinstance(content, list) else content
 
 
 def _is_deeper(content: Table, levels: int) -> bool:

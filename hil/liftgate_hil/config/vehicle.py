@@ -58,7 +58,7 @@ class VehicleFile:
 
     def vehicle(self, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
         """Return a variant of the vehicle, with settings applied. Raises ConfigError with all issues."""
-        raw = copied_table(self.raw)
+        raw: Table = copied_table(self.raw)
         origins = applied(raw, settings_for(raw, variant, settings, str(self.path)))
         if self._is_spread_sound and raw.get("spread") == self.raw.get("spread"):
             raw.pop("spread", None)  # which need not be checked again

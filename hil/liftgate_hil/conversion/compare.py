@@ -247,22 +247,22 @@ def _draw(
     target: Path, tables: tuple[Recording, Recording], found: Comparison, request: CompareRequest, say: Say
 ) -> None:
     """Draw the requested columns of both, else up to _PICTURED of those that differ and the usual ones."""
-    from liftgate_hil.conversion import picture
+    from liftgate_hil.conversion.figures.columns import one_of_each, panels_of, two_pictures, usual_columns
     from liftgate_hil.conversion.sheet import write_picture
 
     names = list(dict.fromkeys(request.columns))
     if not names:
         unlike = [each.name for each in found.columns if not each.is_equal]
-        usual = picture.usual_columns(tables[0])
+        usual = usual_columns(tables[0])
         names = [name for name in usual if name in unlike]
         names += [name for name in [*unlike, *usual] if name not in names]
-        names = picture.one_of_each(names)[:_PICTURED]
-    picture.panels_of(names, tables[0])
+        names = one_of_each(names)[:_PICTURED]
+    panels_of(names, tables[0])
     window = window_of(request.from_s, request.to_s)
     both = columns_in(tables[0], names, window), columns_in(tables[1], names, window)
     titles = (tables[0].path.name, tables[1].path.name)
     if titles[0] == titles[1]:
         titles = (str(tables[0].path), str(tables[1].path))
     units = {name: tables[0].signals[name].unit for name in names}
-    figure = picture.two_pictures(titles, both, names, units, _time_tolerance_s(request))
+    figure = two_pictures(titles, both, names, units, _time_tolerance_s(request))
     write_picture(target, figure, " and ".join(titles), ", ".join(names), say)

@@ -25,13 +25,14 @@ from liftgate_hil.formats.bus_log import (
     Part,
     Sorter,
     bus_of,
+    checked_identifier,
     is_length,
     length_of_code,
     log_of,
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
-from liftgate_hil.formats.reading import as_config_errors
+from liftgate_hil.formats.recording import as_config_errors
 from liftgate_hil.formats.writer import MessageWriter
 
 _CONTAINER_BYTES = 128 * 1024  # that are compressed together
@@ -303,8 +304,4 @@ _READERS: dict[int, Callable[[bytes, int], Read]] = {
 
 
 def _identifier(number: int) -> int:
-    """Return the identifier in a message. Raises ValueError if it has too many bits."""
-    plain = number & ~EXTENDED
-    if plain >= 1 << (29 if number & EXTENDED else 11):
-        raise ValueError(f"identifier 0x{plain:X}")
-    return number
+    return checked_identifier(number & ~EXTENDED, bool(number & EXTENDED))

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.local_time import epoch_us
-from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.recording import Recording, no_such_bus
+from liftgate_hil.formats.recording import Recording, as_config_errors, no_such_bus
 
 BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error frame whose format states no class
 NO_TIME_NS = 1 << 63  # the field of a frame's time cannot hold as much
@@ -36,9 +35,8 @@ class BusLog(Recording):
 
     parts: Parts  # reads the file from its beginning; times count from `start_ns`
     only: str | None = None  # the bus that was chosen
-    stated: datetime | None = (
-        None  # when the times begin, as the file's header states it, in its maker's local time
-    )
+    # When the times begin, as the file's header states it, in its maker's local time.
+    stated: datetime | None = None
 
     def frames(self) -> Iterator[NDArray[np.void]]:
         """Yield the frames (n,) LOGGED of the log's bus, one block at a time.
@@ -191,6 +189,13 @@ def lines_in(path: Path) -> Iterator[tuple[int, str, bool]]:
             yield number, line.decode("utf-8", "replace"), block.is_whole
 
 
+def checked_identifier(number: int, is_extended: bool) -> int:
+    """Return an identifier with the flag of its format. Raises ValueError if it has too many bits."""
+    if number >= 1 << (29 if is_extended else 11):
+        raise ValueError(f"identifier 0x{number:X}")
+    return number | (EXTENDED if is_extended else 0)
+
+
 class NotUnderstoodError(Exception):
     """A line that is neither a frame nor known to be none."""
 
@@ -200,6 +205,12 @@ class LogLines:
 
     def __init__(self, account: Account) -> None:
         self._account = account
+
+    def checked(self, time_ns: int, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
+        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
+        if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
+            raise NotUnderstoodError
+        return time_ns, identifier, length, is_sent, data
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
         """Return the bus and the fields of the frame in a line; None: it is known to be none.

@@ -40,7 +40,7 @@ from liftgate_hil.formats.bus_log import (
     text_blocks,
 )
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.reading import as_config_errors
+from liftgate_hil.formats.recording import as_config_errors
 from liftgate_hil.formats.writer import StreamWriter
 
 _WIDTH = 2 * MAX_BYTES

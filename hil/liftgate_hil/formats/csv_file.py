@@ -37,8 +37,7 @@ from liftgate_hil.formats.csv_header import (
 )
 from liftgate_hil.formats.local_time import FORMS, Stamp, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
+from liftgate_hil.formats.recording import Floats, Recording, as_config_errors, check_time_first, column_signal
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed
 _DIGITS = b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty

@@ -20,8 +20,7 @@ from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats import mcap_layout as layout
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.reading import foreign_reader
-from liftgate_hil.formats.recording import FRAME, Floats, Recording, column_signal, nanoseconds_of
+from liftgate_hil.formats.recording import FRAME, Floats, Recording, column_signal, foreign_reader, nanoseconds_of
 from liftgate_hil.formats.writer import StreamWriter
 from liftgate_hil.version import version
 from liftgate_plant.signals import TIME, Signal

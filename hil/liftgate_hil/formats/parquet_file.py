@@ -15,13 +15,13 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, RowBatch
 from liftgate_hil.formats.local_time import Stamp
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
-from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import (
     Floats,
     Recording,
     check_time_first,
     check_width,
     column_signal,
+    foreign_reader,
     nanoseconds_of,
 )
 from liftgate_hil.formats.writer import StreamWriter

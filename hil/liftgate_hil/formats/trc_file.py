@@ -21,7 +21,7 @@ from liftgate_hil.formats.bus_log import (
     LogLines,
     NotUnderstoodError,
     bus_of,
-    is_length,
+    checked_identifier,
     length_of_code,
     lines_in,
     log_of,
@@ -231,12 +231,10 @@ class _Lines(LogLines):
         return round(float(time) * 1000) * 1000, ERROR | BUS_ERROR, 0, False, b""
 
     def _fields(self, time: str, way: str, identifier: int, length: int, words: Sequence[str]) -> Fields:
-        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
-        data = bytes.fromhex("".join(words))
-        is_whole = bool(identifier & REMOTE) or len(data) == length
-        if way not in ("rx", "tx") or not is_whole or not is_length(length, identifier):
+        if way not in ("rx", "tx"):
             raise NotUnderstoodError
-        return round(float(time) * 1000) * 1000, identifier, length, way == "tx", data
+        data = bytes.fromhex("".join(words))
+        return self.checked(round(float(time) * 1000) * 1000, identifier, length, way == "tx", data)
 
 
 _READERS: dict[str, Read] = {
@@ -251,11 +249,7 @@ _READERS: dict[str, Read] = {
 
 def _identifier(name: str) -> int:
     """Return the identifier of hexadecimal digits: four of a base frame, eight of an extended one."""
-    number = int(name, 16)
-    is_extended = len(name) > 4
-    if number >= 1 << (29 if is_extended else 11):
-        raise NotUnderstoodError
-    return number | (EXTENDED if is_extended else 0)
+    return checked_identifier(int(name, 16), len(name) > 4)
 
 
 def _bus(word: str) -> str:

@@ -17,7 +17,7 @@ from recording_support import rows_from
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
-from liftgate_hil.conversion import picture
+from liftgate_hil.conversion.figures import columns as picture
 from liftgate_hil.conversion.figures.subject import FigureSubject
 from liftgate_hil.conversion.plot import drawn
 from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table, open_whole

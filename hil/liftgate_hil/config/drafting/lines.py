@@ -186,19 +186,14 @@ def _flag(line: DraftLine, signal: Signal, kind: str) -> str:
     return ""
 
 
-def checksums_of(message: Message) -> list[Signal]:
-    """Return the signals of a message that are checksums by their names."""
-    return [signal for signal in message.signals if is_protection(message, signal) == "checksum"]
-
-
-def counters_of(message: Message) -> list[Signal]:
-    """Return the signals of a message that are counters by their names."""
-    return [signal for signal in message.signals if is_protection(message, signal) == "counter"]
+def protections_of(message: Message, what: str) -> list[Signal]:
+    """Return the signals of a message that are counters or checksums by their names, as `what` says."""
+    return [signal for signal in message.signals if is_protection(message, signal) == what]
 
 
 def open_counters_of(message: Message) -> list[Signal]:
     """Return the counters of a message that its drafted table leaves to choose."""
-    counters = counters_of(message)
+    counters = protections_of(message, "counter")
     return counters if len(counters) > 1 else [each for each in counters if _ends_early(each)]
 
 
@@ -219,7 +214,7 @@ def _restricted(counter: Signal) -> str:
 
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
     """Return the table of a message; commented out if nothing of the message is mapped yet."""
-    counters = counters_of(message)
+    counters = protections_of(message, "counter")
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
         is_event = send_type_of(message, MessageOptions()) is SendType.EVENT
@@ -232,7 +227,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
         elif _ends_early(signal):
             why = _restricted(signal)
         lines.append(f"# {line}  # {why}" if why else line)
-    for signal in checksums_of(message):
+    for signal in protections_of(message, "checksum"):
         lines += _checksum_lines(signal)
     if not lines:
         return []
