@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _coding(text: str) -> Coding:
     """Convert SPEED,LIMITS to a Coding, as an argparse type."""
-    from liftgate_hil.config.vehicle_keys import keys_of
+    from liftgate_hil.config.parameters import keys_of
 
     known = keys_of(Coding)
     values = text.split(",")

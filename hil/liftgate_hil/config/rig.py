@@ -15,8 +15,7 @@ from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, needs_fd,
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
-from liftgate_hil.config.diagnostics import diagnostics_of
-from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, reset_of
+from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, diagnostics_of, reset_of
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options

@@ -74,9 +74,8 @@ def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
         "road_slope": _whole(math.degrees(slope), math.degrees(slope)),
         "gate_acceleration": _whole(min(weights), max(weights)),
     }
-    sides = {"left": vehicle.left, "right": vehicle.right}
-    for side in ("left", "right")[: vehicle.drives]:
-        found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, sides[side], link.stroke).items()}
+    for side, drive in zip(("left", "right"), drives, strict=False):
+        found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, drive, link.stroke).items()}
         found[f"{side}_motor_temperature"] = _whole(ambient, ambient)
     return found
 

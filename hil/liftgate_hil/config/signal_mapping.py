@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.codec.bus_config import SignalMapping, physical_range
 from liftgate_hil.codec.messages import Messages
@@ -120,7 +120,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conve
     return scale, offset
 
 
-def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> dict[str, Any] | None:
+def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> Table | None:
     """Return `values`; None if they are not given."""
     if given.values is None:
         if given.unit is not None and ours.values:
@@ -165,7 +165,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
-) -> dict[str, Any] | None:
+) -> dict[str, str] | None:
     """Return the database's labels by our values; None if their numbers are ours, or, with an issue, some lack."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):

@@ -71,6 +71,13 @@ def copied_table(content: Any) -> Any:
     return list(map(copied_table, content)) if isinstance(content, list) else content
 
 
+def value_at(content: Any, path: Iterable[str]) -> Any:
+    """Return what tables in tables hold at a path of keys; None: nothing."""
+    for name in path:
+        content = content.get(name) if isinstance(content, Mapping) else None
+    return content
+
+
 def _is_deeper(content: Table, levels: int) -> bool:
     """Whether tables and lists are nested more than `levels` deep."""
     inner: list[Any] = [content]

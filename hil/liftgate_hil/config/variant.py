@@ -21,14 +21,14 @@ import copy
 import itertools
 import math
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Choice, Number, Raw
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.config.settings import Setting, applied
-from liftgate_hil.config.toml import Table, is_number, number, show, table
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
+from liftgate_hil.config.toml import Table, is_number, number, show, table, value_at
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_plant.noise import gaussian, uniform
 from liftgate_plant.quantity import Points
@@ -178,14 +178,12 @@ def _places(names: Names) -> list[Names]:
     return [names]
 
 
-def _value(raw: Mapping[str, Any], names: Names) -> float | None:
+def _value(raw: Table, names: Names) -> float | None:
     """Return the value of a key in the file's content, or its default, in the file's unit; None if it has none."""
     key = key_of(names)
     assert key is not None
     for path in (names, names[-2:]):
-        place: Any = raw
-        for name in path:
-            place = place.get(name) if isinstance(place, dict) else None
+        place = value_at(raw, path)
         if place is not None:
             return float(place) if is_number(place) and abs(place) <= _MOST else None
     return None if key.default is None else float(key.default / key.quantity.scale)
@@ -271,9 +269,7 @@ def _ideal(raw: Table) -> list[Setting]:
     """Return settings that replace values of the file by the defaults, which are ideal."""
     result = []
     for path in [*((name,) for name in IDEAL), *itertools.product(SIDES, IDEAL)]:
-        given: Any = raw
-        for name in path:
-            given = given.get(name) if isinstance(given, dict) else None
+        given = value_at(raw, path)
         if not isinstance(given, dict):
             continue
         for key, about in keys_of(_TABLES[path[-1]]).items():

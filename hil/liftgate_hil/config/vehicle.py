@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
 from liftgate_hil.config.settings import Setting, applied, apply_setting
 from liftgate_hil.config.toml import (
     Table,
@@ -22,9 +23,9 @@ from liftgate_hil.config.toml import (
     show,
     table,
     text,
+    value_at,
 )
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for, spreads_of
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
@@ -360,7 +361,7 @@ def _put(document: Any, name: str, value: float) -> None:
     names = (match[1] if match else name).split(".")
     places = [names]
     if names[0] not in SIDES:
-        places += [[side, *names] for side in SIDES if _has(document, [side, *names])]
+        places += [[side, *names] for side in SIDES if value_at(document, [side, *names]) is not None]
     for path in places:
         table = document
         for key in path[:-1]:
@@ -369,11 +370,3 @@ def _put(document: Any, name: str, value: float) -> None:
             table[path[-1]][int(match[2])] = value
         else:
             table[path[-1]] = value
-
-
-def _has(document: Any, path: Sequence[str]) -> bool:
-    for key in path:
-        if not isinstance(document, Mapping) or key not in document:
-            return False
-        document = document[key]
-    return True

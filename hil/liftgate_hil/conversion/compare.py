@@ -154,10 +154,7 @@ class _Sum:
         self._squares, self._count = 0.0, 0
 
     def add(self, found: Compared) -> None:
-        """Add the column's next rows.
-
-        A value that only one recording has counts as larger than any number, and is left out of the sum.
-        """
+        """Add the column's next rows; a value that only one has is larger than any, and not in the sum."""
         differences = found.differences()
         known = np.isfinite(differences)
         sizes = np.where(known, np.abs(differences), np.inf)

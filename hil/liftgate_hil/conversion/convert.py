@@ -74,7 +74,11 @@ def converted(
 
     Raises ConfigError, RecordingError.
     """
-    source, target, rig = Path(request.source), _checked(Path(request.target)), request.rig
+    source, rig = Path(request.source), request.rig
+    try:
+        target = check_file("OUT", str(Path(request.target)))
+    except ConfigError as error:
+        raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
     inputs = [source] if rig is None else [source, *files_of(rig)]
     if is_one_of(target, inputs):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
@@ -91,13 +95,6 @@ def convert(request: ConvertRequest) -> Converted:
     result. A file that is already there is kept under another name. Raises ConfigError, RecordingError.
     """
     return converted(request)
-
-
-def _checked(target: Path) -> Path:
-    try:
-        return check_file("OUT", str(target))
-    except ConfigError as error:
-        raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
 
 
 def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:

@@ -113,10 +113,7 @@ class _Windows(NamedTuple):
     high: Places  # (m,) row after the last one in the window
 
     def nearest(self, values: Floats, others: Floats) -> Floats:
-        """Return the other recording's value (n,) for each row, from the window in which the row is furthest off.
-
-        `values` (n,) are those of the rows, `others` all that the other recording has.
-        """
+        """Return the value in `others` (n,) for each of the rows' `values` (n,), where the row is furthest off."""
         if not len(values):
             return values
         least, largest, lacks = _extremes(others, self.low, self.high)

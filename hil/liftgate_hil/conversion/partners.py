@@ -138,10 +138,7 @@ class _Reader:
 
     @property
     def held(self) -> tuple[int, int]:
-        """From when and until when the table has values [ns]; NEVER: there may be more.
-
-        Its last row holds as long as the one before it.
-        """
+        """From when until when it has values [ns], the last row as long as that before; NEVER: maybe more."""
         if self.last < NEVER or len(self._ends) < 2:
             return self._first, NEVER
         return self._first, int(2 * self._ends[1] - self._ends[0])

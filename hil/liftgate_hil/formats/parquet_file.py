@@ -89,13 +89,8 @@ class ParquetTableWriter(StreamWriter):
 
 
 _ROWS = 1 << 16
-_TICK_NS = {
-    "s": 10**9,
-    "ms": 10**6,
-    "us": 1000,
-    "ns": 1,
-    "[day]": 86_400 * 10**9,
-}  # by the unit of dates and times
+# Units of dates and times.
+_TICK_NS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1, "[day]": 86_400 * 10**9}
 
 
 @dataclass(frozen=True, kw_only=True)

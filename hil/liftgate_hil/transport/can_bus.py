@@ -79,10 +79,12 @@ class CanTransport:
                 self._recv = lambda timeout: bus._recv_internal(timeout)[0]
             else:
                 self._recv = bus.recv
-            wire = _socket_of(bus)
-            if wire is not None:
+            # python-can reads udp_multicast and socketcan from a socket.
+            wire = getattr(getattr(bus, "_multicast", None), "_socket", None) or getattr(bus, "socket", None)
+            self._drops = None
+            if isinstance(wire, socket.socket):
                 enlarge(wire)
-            self._drops = None if wire is None else DropCounter(wire)
+                self._drops = DropCounter(wire)
         except Exception as error:  # drivers may raise anything
             why = "; ".join(dict.fromkeys([words_of(error), *(" ".join(each.split()) for each in said)]))
             raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {why}") from error
@@ -191,9 +193,3 @@ class CanTransport:
         if self.is_up:
             with contextlib.suppress(Exception):  # the run is over, so that errors no longer matter
                 self._bus.shutdown()
-
-
-def _socket_of(bus: Any) -> socket.socket | None:
-    """Return the socket that python-can reads a bus from (udp_multicast, socketcan); None: it has none."""
-    wire = getattr(getattr(bus, "_multicast", None), "_socket", None) or getattr(bus, "socket", None)
-    return wire if isinstance(wire, socket.socket) else None
