@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from liftgate_hil.campaigns.command import campaign
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
-    from liftgate_hil.conversion.compare_recordings import compare
+    from liftgate_hil.conversion.compare import compare
     from liftgate_hil.conversion.convert import convert
     from liftgate_hil.conversion.plot import plot
     from liftgate_hil.drive.gate import Gate
@@ -45,7 +45,7 @@ _HOMES = {
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
     "campaign": ("liftgate_hil.campaigns.command", "campaign"),
-    "compare": ("liftgate_hil.conversion.compare_recordings", "compare"),
+    "compare": ("liftgate_hil.conversion.compare", "compare"),
     "convert": ("liftgate_hil.conversion.convert", "convert"),
     "identify": ("liftgate_hil.identification.commands", "identify"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from liftgate_hil.config.diagnostics import DiagnosticsTable
-from liftgate_hil.config.driver import ButtonTable, ResetTable
+from liftgate_hil.config.driver import ButtonTable, DiagnosticsTable, ResetTable
 from liftgate_hil.config.inject import ORDERS
-from liftgate_hil.config.messages import MessageTable, StateMachineTable
-from liftgate_hil.config.protection_tables import ChecksumTable, CounterTable
+from liftgate_hil.config.messages import ChecksumTable, CounterTable, MessageTable, StateMachineTable
 from liftgate_hil.config.rig import RigTable
 from liftgate_hil.config.signal_mapping import MappingTable
 from liftgate_hil.diagnostics.trouble_code import number_of

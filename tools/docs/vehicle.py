@@ -8,9 +8,9 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any, get_type_hints
 
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES
 from liftgate_hil.config.shipped import data_root, shipped_names
-from liftgate_hil.config.spread import SpreadTable
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
+from liftgate_hil.config.variant import SpreadTable
 from liftgate_plant.quantity import Quantity
 from tools.docs.markdown import code, number, page, table
 from tools.docs.schema import key_table

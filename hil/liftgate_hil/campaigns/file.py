@@ -11,10 +11,9 @@ from liftgate_hil.campaigns.folder import OWN
 from liftgate_hil.campaigns.request import METHODS, CampaignRequest
 from liftgate_hil.campaigns.space import COVARIANCE
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
-from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.kinds import Choice, Raw, Text, Texts, Whole
 from liftgate_hil.config.shipped import CAMPAIGNS, PACK, data_root, shipped_names
-from liftgate_hil.config.toml import Table, read_toml, show, table
+from liftgate_hil.config.toml import Table, check_kind, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 
 _FOLDER = f"configs/{CAMPAIGNS}"

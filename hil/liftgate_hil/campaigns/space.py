@@ -20,8 +20,8 @@ import numpy as np
 from liftgate_hil.campaigns.distributions import Distribution, Floats, distribution_of
 from liftgate_hil.config.kinds import SEED
 from liftgate_hil.config.parameters import find_parameter, value_of
-from liftgate_hil.config.spread import key_of
 from liftgate_hil.config.toml import Table
+from liftgate_hil.config.variant import key_of
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.vehicle import Vehicle

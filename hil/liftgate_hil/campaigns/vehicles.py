@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from liftgate_hil.campaigns.space import VariedTarget
-from liftgate_hil.config.parameters import FreeParameter, with_value
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, FreeParameter, keys_of, with_value
 from liftgate_hil.config.settings import Setting
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.config.vehicle import VehicleFile, issues_with
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_plant.vehicle import Vehicle
 
 

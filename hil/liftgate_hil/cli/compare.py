@@ -30,7 +30,7 @@ def run(call: Call) -> int:
     """Run the command and return the exit code."""
     request = call.request(CompareRequest)
     from liftgate_hil.cli.terminal.teller import Teller
-    from liftgate_hil.conversion.compare_recordings import compared
+    from liftgate_hil.conversion.compare import compared
 
     teller = Teller(call.is_quiet, call.is_json)
     with teller.progress("compare") as progress:

@@ -31,7 +31,7 @@ _MODULES = {
     "walk": "liftgate_hil.measurement.walk",
     "judge_block": "liftgate_hil.judging.table",
     "note_wakeups": "liftgate_hil.loop.wakeups",
-    "put_lines": "liftgate_hil.formats.csv_text",
+    "put_lines": "liftgate_hil.formats.csv_writer",
     "play": "liftgate_hil.playback.player",
     "note_truths": "liftgate_hil.plan.recording_trigger",
 }

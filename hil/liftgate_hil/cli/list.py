@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(call: Call) -> int:
     """Run the command and return the exit code. Raises ConfigError."""
-    from liftgate_hil.config.shipped_list import Shipped, shipped_list
+    from liftgate_hil.config.shipped import Shipped, shipped_list
     from liftgate_hil.ecu.mutants import MUTANTS
     from liftgate_hil.ecu.names import REFERENCE
 

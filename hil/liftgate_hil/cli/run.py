@@ -69,8 +69,8 @@ class ShownRun(NamedTuple):
         any other bus it is a second process there. Raises LiftgateError; what went wrong in the run is in the
         result.
         """
-        from liftgate_hil.config.after_the_end import stimuli_after
         from liftgate_hil.config.rig_fit import notes_on_fit
+        from liftgate_hil.config.scenario import stimuli_after
         from liftgate_hil.dashboard.page_process import page_process
         from liftgate_hil.drive.ecu_process import execute_with_process
         from liftgate_hil.drive.run import execute

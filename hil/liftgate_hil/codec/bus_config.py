@@ -8,25 +8,23 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import BitPlace, write_number
 from liftgate_hil.codec.frames import EXTENDED, MAX_BYTES
-from liftgate_hil.codec.multiplexing import MAX_PAGES, is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
 from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, format_of, timeout_of
-from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, OWN_CHECKSUM, PLACE, SELECTOR, SIGNAL, BusConfig
+from liftgate_hil.codec.tables import MESSAGE, SIGNAL, BusConfig, TableRows, add_row, row_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import PANEL
 from liftgate_plant import signals
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
-
 
 ANY = signals.Signal("", -np.inf, np.inf, "")  # quantity of an unconverted signal
 
@@ -112,7 +110,7 @@ def build_bus_config(
     can be mapped, in the order of the values that the tables refer to. `sending`: the loop sends the messages
     rather than receives them.
     """
-    tables = _Tables()
+    tables = TableRows()
     places = {quantity: place for place, quantity in enumerate(quantities)}
     wires: dict[str, list[SignalMapping]] = {}
     for wire in mappings:
@@ -135,15 +133,15 @@ def build_bus_config(
             pairs = _enumeration(wire, signal, quantity)
             row = _signal_row(wire, signal, quantity)
             row["quantity"] = places[wire.quantity]
-            row["place"] = tables.add_place(place_of(signal))
+            row["place"] = add_row(tables.places, place_of(signal))
             chains = multiplexer_values(message, wire.signal)
             row["pages"] = sum(is_on(page, chains) << k for k, page in enumerate(pages))
             row |= {"names_first": len(tables.names), "names_count": len(pairs)}
             tables.names += pairs
             for chain in _selectors(message, signal):
                 row |= {"selectors_first": len(tables.selectors), "selectors_count": len(chain)}
-                tables.selectors += [(tables.add_place(place), value) for place, value in chain]
-                tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
+                tables.selectors += [(add_row(tables.places, place), value) for place, value in chain]
+                tables.signals.append(row_of(SIGNAL, row))
         options_of = options.get(name, MessageOptions())
         head = _message_row(message, options_of, tables, issues)
         if all(wire.quantity in PANEL for wire in own):
@@ -151,7 +149,7 @@ def build_bus_config(
         head |= {"first": first, "count": len(tables.signals) - first}
         _check_overlap(name, own, options_of, pages[0], issues, sending)
         head |= {"pages": len(pages), "start": len(tables.start)}
-        tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
+        tables.messages.append(row_of(MESSAGE, head))
         tables.start += [start_payload(message, page) for page in pages]
     return tables.bus()
 
@@ -159,7 +157,7 @@ def build_bus_config(
 @functools.cache
 def _no_tables() -> BusConfig:
     """Return the tables of no signals, in which nothing is ever written."""
-    return _Tables().bus()
+    return TableRows().bus()
 
 
 def tables_named(
@@ -177,52 +175,6 @@ def tables_named(
         return _no_tables()
     mappings = list(map(mapping_named, names))
     return build_bus_config(messages, mappings, options, dict.fromkeys(names, ANY), issues, sending)
-
-
-@dataclass
-class _Tables:
-    """The rows of the tables while they are built."""
-
-    messages: list[tuple[float, ...]] = field(default_factory=list)
-    signals: list[tuple[float, ...]] = field(default_factory=list)
-    places: list[BitPlace] = field(default_factory=list)
-    selectors: list[tuple[float, ...]] = field(default_factory=list)
-    names: list[tuple[float, float]] = field(default_factory=list)
-    start: list[NDArray[np.uint8]] = field(default_factory=list)
-    own_checksums: list[tuple[Any, ...]] = field(default_factory=list)
-    end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
-
-    def add_place(self, place: BitPlace) -> int:
-        """Add a place and return its row."""
-        self.places.append(place)
-        return len(self.places) - 1
-
-    def add_own(self, row: tuple[Any, ...]) -> int:
-        """Add a checksum defined by parameters and return its row."""
-        self.own_checksums.append(row)
-        return len(self.own_checksums) - 1
-
-    def add_profile(self, row: Mapping[str, Any]) -> int:
-        """Add an E2E profile and return its row."""
-        self.end_to_end.append(tuple(row[field] for field in END_TO_END.fields or ()))
-        return len(self.end_to_end) - 1
-
-    def bus(self) -> BusConfig:
-        """Return the rows as arrays."""
-
-        def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
-            return np.array(rows, dtype=kind).view(np.recarray)
-
-        return BusConfig(
-            table(self.messages, MESSAGE),
-            table(self.signals, SIGNAL),
-            table(self.places, PLACE),
-            table(self.selectors, SELECTOR),
-            table(self.names, NAME),
-            np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
-            table(self.own_checksums, OWN_CHECKSUM),
-            table(self.end_to_end, END_TO_END),
-        )
 
 
 def _conversion(signal: Signal) -> tuple[float, float]:
@@ -249,10 +201,7 @@ def _check_overlap(
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
-    """Check that a signal carries one quantity or one part of the protection, and note the issues.
-
-    Two quantities may share a signal only where they are received.
-    """
+    """Note where a sent signal carries two quantities, or a signal one and a part of the protection."""
     taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),
@@ -273,7 +222,7 @@ def _check_overlap(
             taken[wire.signal] = wire.quantity
 
 
-def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> dict[str, Any]:
+def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> dict[str, float]:
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
@@ -317,18 +266,16 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[BitPlace, i
 
 
 def _message_row(
-    message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
-) -> dict[str, Any]:
+    message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
+) -> dict[str, int]:
     cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
-    row = protection_row(message, options, tables, issues)
-    identifier = identifier_of(message)
     return {
-        "identifier": identifier,
+        "identifier": identifier_of(message),
         "format": format_of(message, options),
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(min(timeout_of(message, options), options.timeout_cycles * cycle_ms) * 1e6),
-        **row,
+        **protection_row(message, options, tables, issues),
     }
 
 
@@ -359,3 +306,51 @@ def raw_start(signal: Signal) -> float:
 def start_value(signal: Signal) -> float:
     """Return a signal's start value [the database's unit]."""
     return float(signal.scale) * raw_start(signal) + float(signal.offset)
+
+
+MAX_PAGES = 62  # bits used of SIGNAL's `pages`
+
+
+def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
+    """Return the alternative sets of multiplexer values, by name, with which a signal is in the frame."""
+    found = message.get_signal_by_name(signal)
+    if found.multiplexer_signal is None or not found.multiplexer_ids:
+        return [{}]
+    return [
+        {found.multiplexer_signal: int(value), **above}
+        for value in found.multiplexer_ids
+        for above in multiplexer_values(message, found.multiplexer_signal)
+    ]
+
+
+def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
+    """Return the sets of multiplexer values with which a message is sent in turn, its pages.
+
+    Each mapped signal is on at least one page.
+    """
+    pages: list[dict[str, int]] = []
+    places = [multiplexer_values(message, signal) for signal in mapped]
+    for chains in sorted(places, key=len):  # signals with the fewest alternatives come first
+        if any(is_on(page, chains) for page in pages):
+            continue
+        free = [
+            (page, chain)
+            for chain in chains
+            for page in pages
+            if all(page.get(name, value) == value for name, value in chain.items())
+        ]
+        if free:
+            page, chain = free[0]
+            page |= chain
+        else:
+            pages.append(dict(chains[0]))
+    return sorted(pages, key=lambda page: sorted(page.items())) or [{}]
+
+
+def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
+    """Whether a signal that is in the frame with the multiplexer values `chains` is on a page."""
+    return any(page.items() >= chain.items() for chain in chains)
+
+
+def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
+    return any(page.get(name, value) != value for name, value in chain.items())

@@ -15,14 +15,93 @@ from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.bits import extract_long, insert_long, place_at
-from liftgate_hil.codec.crc import crc8_byte
-from liftgate_hil.codec.e2e import profile_1, profile_2, profile_5
 from liftgate_hil.codec.rocksoft import rocksoft
 from liftgate_hil.codec.tables import BusConfig
 
 NONE, CRC8_SAE_J1850, XOR8, SUM8, E2E_P01, E2E_P02, E2E_P05, OWN = range(8)
 KINDS = {"none": NONE, "crc8-sae-j1850": CRC8_SAE_J1850, "xor8": XOR8, "sum8": SUM8}
 PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
+# How profile 1 includes the data ID in its CRC: both bytes, alternating bytes, the low byte, or the low byte while
+# the low nibble of the high byte is transmitted.
+BOTH, ALTERNATING, LOW, NIBBLE = range(4)
+DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble": NIBBLE}
+
+
+def _table(polynomial: int, kind: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
+    """Return the register (256,) after each byte, from 0, in numbers of the CRC's width."""
+    table = np.zeros(256, dtype=kind)
+    bits = 8 * table.itemsize
+    for index in range(256):
+        crc = index << (bits - 8)
+        for _ in range(8):
+            crc = ((crc << 1) ^ polynomial if crc >> (bits - 1) else crc << 1) & ((1 << bits) - 1)
+        table[index] = crc
+    return table
+
+
+_J1850 = _table(0x1D, np.uint8)  # SAE J1850
+_H2F = _table(0x2F, np.uint8)  # AUTOSAR CRC8H2F
+_CCITT = _table(0x1021, np.uint16)  # CRC-16/CCITT-FALSE
+
+
+@compilable
+def crc8_byte(crc: int, byte: int) -> int:
+    """Return the CRC-8 SAE J1850 after one more byte."""
+    return int(np.int64(_J1850[crc ^ byte]))
+
+
+@compilable
+def crc8h2f_byte(crc: int, byte: int) -> int:
+    """Return the CRC-8 with the polynomial 0x2F after one more byte."""
+    return int(np.int64(_H2F[crc ^ byte]))
+
+
+@compilable
+def crc16_byte(crc: int, byte: int) -> int:
+    """Return the CRC-16/CCITT-FALSE after one more byte."""
+    return ((crc << 8) & 0xFF00) ^ int(np.int64(_CCITT[(crc >> 8) ^ byte]))
+
+
+@compilable
+def profile_1(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+    """Return the CRC-8 of E2E profile 1 over data ID and data.
+
+    It has SAE J1850's polynomial, and initial value and final XOR 0.
+    """
+    low, high = profile.data_ids[0] & 0xFF, profile.data_ids[0] >> 8
+    crc = 0
+    if profile.data_id_mode == BOTH:
+        crc = crc8_byte(crc8_byte(crc, low), high)
+    elif profile.data_id_mode == ALTERNATING:
+        crc = crc8_byte(crc, high if counter % 2 else low)
+    elif profile.data_id_mode == LOW:
+        crc = crc8_byte(crc, low)
+    else:
+        crc = crc8_byte(crc8_byte(crc, low), 0)
+    for i in range(table.length):
+        if i != table.checksum_byte:
+            crc = crc8_byte(crc, int(np.int64(data[row, i])))
+    return crc
+
+
+@compilable
+def profile_2(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+    """Return E2E profile 2's CRC8H2F over the data and then the counter's entry of the data ID list."""
+    crc = 0xFF
+    for i in range(table.length):
+        if i != table.checksum_byte:
+            crc = crc8h2f_byte(crc, int(np.int64(data[row, i])))
+    return crc8h2f_byte(crc, profile.data_ids[counter & 15]) ^ 0xFF
+
+
+@compilable
+def profile_5(table: Any, profile: Any, data: NDArray[np.uint8], row: int) -> int:
+    """Return E2E profile 5's CRC-16/CCITT-FALSE over the data without the CRC's two bytes, then the data ID."""
+    crc = 0xFFFF
+    for i in range(table.length):
+        if i - table.checksum_byte not in (0, 1):
+            crc = crc16_byte(crc, int(np.int64(data[row, i])))
+    return crc16_byte(crc16_byte(crc, profile.data_ids[0] & 0xFF), profile.data_ids[0] >> 8)
 
 
 @outlined
@@ -32,10 +111,10 @@ def profile_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.ui
     `table` is its row of tables.MESSAGE, `profile` that of tables.END_TO_END.
     """
     if table.kind == E2E_P01:
-        return profile_1.crc(table, profile, counter, data, row)
+        return profile_1(table, profile, counter, data, row)
     if table.kind == E2E_P02:
-        return profile_2.crc(table, profile, counter, data, row)
-    return profile_5.crc(table, profile, data, row)
+        return profile_2(table, profile, counter, data, row)
+    return profile_5(table, profile, data, row)
 
 
 @outlined

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, BitPlace
 from liftgate_hil.codec.counter import MOST_VALUES, Counting
-from liftgate_hil.codec.e2e import profile_1
 from liftgate_hil.codec.rocksoft import Rocksoft
+from liftgate_hil.codec.tables import TableRows, add_row
 from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
@@ -29,13 +28,19 @@ class EndToEnd:
 
     profile: str  # one of checksum.PROFILES
     data_ids: tuple[int, ...]  # one; in profile 2 sixteen
-    data_id_mode: str = "both"  # one of profile_1.DATA_ID_MODES
+    data_id_mode: str = "both"  # one of checksum.DATA_ID_MODES
     nibble: str | None = None  # signal that carries the data ID's nibble
     max_delta: int = 1  # largest tolerated step of the counter; 1: no frame may be lost
     sync: int = 0  # frames after a wrong sequence that are not used
     window: int = 1  # frames that the state machine evaluates
     min_ok: tuple[int, int, int] = (1, 1, 1)  # in INIT, VALID, INVALID
     max_error: tuple[int, int, int] = (0, 0, 0)
+
+    def row(self, nibble: int) -> tuple[Any, ...]:
+        """Return the row of tables.END_TO_END; `nibble` is the row of its place, or −1."""
+        mode = checksum.DATA_ID_MODES[self.data_id_mode]
+        ids = (self.data_ids * 16)[:16]
+        return ids, mode, nibble, self.max_delta, self.sync, self.window, self.min_ok, self.max_error
 
 
 @dataclass(frozen=True)
@@ -78,19 +83,6 @@ def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
     return bits
 
 
-class ProtectionTables(Protocol):
-    """The tables in which protection has rows; each method adds a row and returns its number."""
-
-    def add_place(self, place: BitPlace) -> int:
-        """Add a row to tables.PLACE for the position of a signal's bits, and return the row's number."""
-
-    def add_own(self, row: tuple[Any, ...]) -> int:
-        """Add a row of tables.OWN_CHECKSUM."""
-
-    def add_profile(self, row: Mapping[str, Any]) -> int:
-        """Add a row of tables.END_TO_END."""
-
-
 def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
     """Return the signals of a message that its protection or multiplexer sets."""
     own = options or MessageOptions()
@@ -100,23 +92,22 @@ def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
 
 
 def protection_row(
-    message: Message, options: MessageOptions, tables: ProtectionTables, issues: ConfigIssues
-) -> dict[str, Any]:
+    message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
+) -> dict[str, int]:
     """Return the columns of a message that describe its protection by counter and checksum.
 
     These are simple, defined by parameters, or those of an E2E profile. What does not fit is noted in `issues`.
     """
-    add_place = tables.add_place
     key, e2e = f"messages.{message.name}", options.e2e
     for name in (options.counter, options.checksum, e2e.nibble if e2e else None):
         if name and message.get_signal_by_name(name).multiplexer_signal is not None:
             issues.add(key, f"{name} is in some frames only; allowed: a signal that is in every frame")
-    row = _counter_columns(message, options, add_place, issues)
-    row |= _checksum_columns(message, options, add_place, issues)
+    row = _counter_columns(message, options, tables, issues)
+    row |= _checksum_columns(message, options, tables, issues)
     row["own"] = -1
     if options.own is not None and options.checksum is not None:
         masks = ~own_bits(message, options.checksum)
-        row["own"] = tables.add_own(options.own.row(message.frame_id, masks, row["counter"]))
+        row["own"] = add_row(tables.own_checksums, options.own.row(message.frame_id, masks, row["counter"]))
     row["profile"] = -1
     if e2e is None:
         return row
@@ -126,16 +117,16 @@ def protection_row(
     nibble = -1
     if e2e.nibble is not None:
         place = place_of(message.get_signal_by_name(e2e.nibble))
-        nibble = add_place(place)
+        nibble = add_row(tables.places, place)
         if place.length != 4:
             issues.add(f"{key}.data_id_nibble", f"{e2e.nibble}: allowed: a signal of 4 bits")
-    row["profile"] = tables.add_profile(_profile_columns(e2e, nibble))
+    row["profile"] = add_row(tables.end_to_end, e2e.row(nibble))
     return row
 
 
 def _counter_columns(
-    message: Message, options: MessageOptions, add_place: Callable[[BitPlace], int], issues: ConfigIssues
-) -> dict[str, Any]:
+    message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
+) -> dict[str, int]:
     """Return the columns for the place of a counter and how it counts."""
     if options.counter is None:
         return {"counter": -1, **BY_ONE.columns(1)}
@@ -154,18 +145,18 @@ def _counter_columns(
             f"{options.counter} takes {values} values; allowed: up to 2^48, with a value of highest up to "
             f"{counting.lowest + MOST_VALUES - 1}",
         )
-        return {"counter": add_place(place), **BY_ONE.columns(1)}
-    return {"counter": add_place(place), **counting.columns(place.length)}
+        return {"counter": add_row(tables.places, place), **BY_ONE.columns(1)}
+    return {"counter": add_row(tables.places, place), **counting.columns(place.length)}
 
 
 def _checksum_columns(
-    message: Message, options: MessageOptions, add_place: Callable[[BitPlace], int], issues: ConfigIssues
-) -> dict[str, Any]:
+    message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
+) -> dict[str, int]:
     """Return the columns for the place of a checksum and its kind."""
     if options.checksum is None:
         return {"kind": checksum.NONE, "checksum": -1, "checksum_byte": -1}
     place, e2e = place_of(message.get_signal_by_name(options.checksum)), options.e2e
-    columns = {"checksum": add_place(place), "checksum_byte": place.byte}
+    columns = {"checksum": add_row(tables.places, place), "checksum_byte": place.byte}
     if options.own is not None:
         return {"kind": checksum.OWN, **columns}
     kind = checksum.PROFILES[e2e.profile] if e2e else checksum.KINDS[options.checksum_kind]
@@ -178,17 +169,3 @@ def _checksum_columns(
             + ("" if e2e else "; for another width: checksum = { signal, width, polynomial, … }"),
         )
     return {"kind": kind, **columns}
-
-
-def _profile_columns(e2e: EndToEnd, nibble: int) -> dict[str, Any]:
-    """Return the columns of tables.END_TO_END."""
-    return {
-        "data_ids": (e2e.data_ids * 16)[:16],
-        "data_id_mode": profile_1.DATA_ID_MODES[e2e.data_id_mode],
-        "nibble": nibble,
-        "max_delta": e2e.max_delta,
-        "sync": e2e.sync,
-        "window": e2e.window,
-        "min_ok": e2e.min_ok,
-        "max_error": e2e.max_error,
-    }

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, outlined
+from liftgate_hil.codec import check_state
 from liftgate_hil.codec.bits import extract_long, place_at, read_number
 from liftgate_hil.codec.checksum import checksum_in, expected_checksum
 from liftgate_hil.codec.counter import turn_of, value_at
-from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.refusals import (
     ACCEPTED,

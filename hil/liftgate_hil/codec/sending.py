@@ -93,14 +93,8 @@ def format_of(message: Message, options: MessageOptions) -> int:
     """
     if not needs_fd(message):
         return 0
-    return FD | (BRS if switches_bit_rate(message, options) else 0)
-
-
-def switches_bit_rate(message: Message, options: MessageOptions) -> bool:
-    """Whether a message's CAN FD frames are sent with bit rate switch."""
-    if options.brs is not None:
-        return options.brs
-    return attribute_of(message, "CANFD_BRS") in (1, "1")
+    switches = attribute_of(message, "CANFD_BRS") in (1, "1") if options.brs is None else options.brs
+    return FD | (BRS if switches else 0)
 
 
 def attribute_of(item: Message | Signal, name: str) -> Any:

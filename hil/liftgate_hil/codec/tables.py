@@ -5,10 +5,17 @@ They are arrays of records. There are few of them, so that passing a layout to c
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from liftgate_hil.codec.bits import BitPlace
+from liftgate_hil.codec.frames import MAX_BYTES
+
+Row = TypeVar("Row")
 
 # Position of a signal's bits; the fields of `Place`.
 PLACE = np.dtype([("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")])
@@ -96,9 +103,9 @@ OWN_CHECKSUM = np.dtype(
 END_TO_END = np.dtype(
     [
         ("data_ids", "i8", (16,)),  # the data ID; in profile 2 the data ID list
-        ("data_id_mode", "i8"),  # of profile 1, see e2e.profile_1.DATA_ID_MODES
+        ("data_id_mode", "i8"),  # of profile 1, see checksum.DATA_ID_MODES
         ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
-        # Parameters of the check and its state machine, see e2e/check_state.py.
+        # Parameters of the check and its state machine, see check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
         ("window", "i8"),
@@ -119,3 +126,45 @@ class BusConfig(NamedTuple):
     start: NDArray[np.uint8]  # (pages of all messages, 64) payloads with start values
     own_checksums: Any  # OWN_CHECKSUM
     end_to_end: Any  # END_TO_END
+
+
+@dataclass
+class TableRows:
+    """The rows of the tables while they are built."""
+
+    messages: list[tuple[float, ...]] = field(default_factory=list)
+    signals: list[tuple[float, ...]] = field(default_factory=list)
+    places: list[BitPlace] = field(default_factory=list)
+    selectors: list[tuple[float, ...]] = field(default_factory=list)
+    names: list[tuple[float, float]] = field(default_factory=list)
+    start: list[NDArray[np.uint8]] = field(default_factory=list)
+    own_checksums: list[tuple[Any, ...]] = field(default_factory=list)
+    end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
+
+    def bus(self) -> BusConfig:
+        """Return the rows as arrays."""
+
+        def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
+            return np.array(rows, dtype=kind).view(np.recarray)
+
+        return BusConfig(
+            table(self.messages, MESSAGE),
+            table(self.signals, SIGNAL),
+            table(self.places, PLACE),
+            table(self.selectors, SELECTOR),
+            table(self.names, NAME),
+            np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
+            table(self.own_checksums, OWN_CHECKSUM),
+            table(self.end_to_end, END_TO_END),
+        )
+
+
+def add_row(rows: list[Row], row: Row) -> int:
+    """Add a row to those of a table, and return its number."""
+    rows.append(row)
+    return len(rows) - 1
+
+
+def row_of(kind: np.dtype[Any], columns: Mapping[str, float]) -> tuple[float, ...]:
+    """Return the row of a table with these columns."""
+    return tuple(columns[name] for name in kind.fields or ())

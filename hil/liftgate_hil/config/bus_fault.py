@@ -71,7 +71,8 @@ def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int
     names = list(dict.fromkeys([*own, *(restbus if direction == SENT else ())]))
     needed = _NEEDED.get(fault.kind)
     if needed:
-        names = [each for each in names if _of(rig, each, needed) is not None]
+        own_options = {each: rig.options.get(each, MessageOptions()) for each in names}
+        names = [each for each in names if getattr(own_options[each], needed) is not None]
     if fault.where is None and names:
         return EVERY
     message = located(fault, rig).where
@@ -84,9 +85,3 @@ def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int
         issues.take([f"{fault.called('where')}: {text}; allowed: {allowed}, or a quantity in one of them"])
         return EVERY
     return rig.identifier(message)
-
-
-def _of(rig: Rig, message: str, what: str) -> str | None:
-    """Return the signal that is a message's counter or checksum, as `what` says; None if there is none."""
-    found: str | None = getattr(rig.options.get(message, MessageOptions()), what)
-    return found

@@ -28,7 +28,7 @@ from typing import (
     overload,
 )
 
-from liftgate_hil.config.kinds import Kind
+from liftgate_hil.config.kinds import SEED, Kind, Number
 from liftgate_hil.config.toml import Table, known_keys, shortened, show
 from liftgate_hil.errors import ConfigError, ConfigIssues
 
@@ -190,32 +190,18 @@ def signature_of(record: type) -> inspect.Signature:
     First those that are taken by their place, too; of either, first those that are required.
     """
     if record not in _SIGNATURES:
-        empty = inspect.Parameter.empty
-        parameters = [
-            inspect.Parameter(each.name, kind, default=empty if each.default is REQUIRED else each.default)
-            for each in fields_of(record)
-            for kind in [_parameter_kind(record, each.name)]
-        ]
-        parameters.sort(key=lambda each: (each.kind, each.default is not empty, _place_of(record, each)))
-        _SIGNATURES[record] = inspect.Signature(parameters)
+        found = []
+        for each in fields_of(record):
+            owner = next(one for one in record.__mro__ if each.name in vars(one).get("__annotations__", {}))
+            names_only = vars(owner)["_takes_names_only"]
+            kind = inspect.Parameter.KEYWORD_ONLY if names_only else inspect.Parameter.POSITIONAL_OR_KEYWORD
+            default = inspect.Parameter.empty if each.default is REQUIRED else each.default
+            place = 0 if names_only else list(owner.__annotations__).index(each.name)
+            parameter = inspect.Parameter(each.name, kind, default=default)
+            found.append((kind, each.default is not REQUIRED, place, parameter))
+        found.sort(key=lambda each: each[:3])
+        _SIGNATURES[record] = inspect.Signature([parameter for *_, parameter in found])
     return _SIGNATURES[record]
-
-
-def _place_of(record: type, parameter: inspect.Parameter) -> int:
-    """Return the place of what is taken by its place, in the class that states it; of others 0."""
-    is_placed = parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
-    return list(_owner_of(record, parameter.name).__annotations__).index(parameter.name) if is_placed else 0
-
-
-def _owner_of(record: type, name: str) -> type:
-    """Return the class that states a field."""
-    return next(each for each in record.__mro__ if name in vars(each).get("__annotations__", {}))
-
-
-def _parameter_kind(record: type, name: str) -> inspect._ParameterKind:
-    """Return how a function takes a field: as the class that states it says."""
-    names_only = vars(_owner_of(record, name))["_takes_names_only"]
-    return inspect.Parameter.KEYWORD_ONLY if names_only else inspect.Parameter.POSITIONAL_OR_KEYWORD
 
 
 class CommandFunction(Protocol[P, Request_contra, Result_co]):
@@ -309,3 +295,13 @@ def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequenc
 def dotted(prefix: str, name: str) -> str:
     """Return the dotted key of a table's key; the prefix of a file itself is empty."""
     return f"{prefix}.{name}" if prefix else name
+
+
+def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
+    """Return a number within [low, high]. Raises ConfigError."""
+    return float(value_of(name, value, Number(low, high, unit)))
+
+
+def seed_of(value: object, name: str = "seed") -> int:
+    """Return a seed. Raises ConfigError."""
+    return int(value_of(name, value, SEED))

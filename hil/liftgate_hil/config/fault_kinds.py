@@ -85,21 +85,11 @@ def _bridge(values: Values, side: str) -> Sequence[Edit]:
     return [_INPUTS, Edit(f"faults.{side}.bridge", SET, float(DIRECTIONS.index(values["state"])))]
 
 
-def _spring(values: Values, side: str) -> Sequence[Edit]:
-    return [Edit(f"plant.{side}.spring.health", SCALE, float(values.get("factor", 0.0)))]
-
-
-def _disconnected(values: Values, side: str) -> Sequence[Edit]:
-    return [Edit(f"plant.{side}.clutch_force", SET, _NO_FORCE)]
-
-
-def _jammed(values: Values, side: str) -> Sequence[Edit]:
-    return [Edit(f"plant.{side}.friction.coulomb", SET, _JAMMED)]
-
-
-def _friction(values: Values, side: str) -> Sequence[Edit]:
-    names = ("friction.coulomb", "friction.viscous", "load_friction")
-    return [Edit(f"plant.{side}.{name}", SCALE, float(values["factor"])) for name in names]
+def _drive(how: int, value: float | None, *names: str) -> Callable[[Values, str], Sequence[Edit]]:
+    """Return the edits of constants of a drive, to or by a value; None: by the key `factor`."""
+    return lambda values, side: [
+        Edit(f"plant.{side}.{name}", how, float(values["factor"]) if value is None else value) for name in names
+    ]
 
 
 def _none(values: Values, side: str) -> Sequence[Edit]:
@@ -154,14 +144,17 @@ _GROUPS = {
               _gate("faults.angle_frozen", SET), of=GATE),
 ),
 "Springs and drives": (
-    FaultKind("spring_lost", "the drive's spring has no force left", _spring),
-    FaultKind("spring_weak", "the drive's spring has less force", _spring,
+    FaultKind("spring_lost", "the drive's spring has no force left",
+              _drive(SCALE, 0.0, "spring.health")),
+    FaultKind("spring_weak", "the drive's spring has less force", _drive(SCALE, None, "spring.health"),
               _key("factor", Number(0.0, 10.0), "factor on its force")),
     FaultKind("drive_disconnected", "the drive turns without moving the gate, and the gate cannot turn it",
-              _disconnected),
-    FaultKind("spindle_jammed", "the drive is blocked: neither its motor nor the gate can turn it", _jammed),
+              _drive(SET, _NO_FORCE, "clutch_force")),
+    FaultKind("spindle_jammed", "the drive is blocked: neither its motor nor the gate can turn it",
+              _drive(SET, _JAMMED, "friction.coulomb")),
     FaultKind("friction", "the drive's friction is multiplied by a factor: dry, viscous and load-dependent",
-              _friction, _key("factor", Number(0.0, 1e4), "factor on the friction")),
+              _drive(SCALE, None, "friction.coulomb", "friction.viscous", "load_friction"),
+              _key("factor", Number(0.0, 1e4), "factor on the friction")),
 ),
 "Latch": (
     FaultKind("latch_stuck", "the latch switch keeps one reading, whatever the latch does",

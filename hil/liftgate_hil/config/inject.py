@@ -142,11 +142,7 @@ def _labels(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> tuple[str, ...]:
-    """Return the labels of the signal that selects what an order message acts on, without `none`.
-
-    They are those of the signal's value table. A missing table and labels that are not allowed are noted as
-    issues.
-    """
+    """Return the labels, without `none`, of the signal that selects what an order is about; issues are noted."""
     name, known = {
         FAULT: ("kind", []),  # checked in rig_fit
         REQUEST: ("action", list(REQUESTS)),

@@ -9,13 +9,15 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
-from liftgate_hil.config.toml import Table, number, show, table, text
-from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.config.toml import Table, is_number, is_whole, number, show, table, text
+from liftgate_hil.errors import ConfigIssues, with_unit
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _SIZE = re.compile(r"(\d{1,18}(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
+_EMPTY: Table = {}  # which nobody changes
+Value = TypeVar("Value")
 
 
 class Kind(Protocol):
@@ -33,228 +35,161 @@ class Kind(Protocol):
         """Return the value as it is in memory; `invalid` and an issue if it is not allowed."""
 
 
-class Number(NamedTuple):
+class OfKind(Generic[Value]):
+    """Base of the kinds, with their words and the value in memory in place of an invalid or missing one."""
+
+    allowed: str
+    invalid: Value
+
+    def __init__(self, allowed: str = "") -> None:
+        self.allowed = allowed or self.allowed
+
+    def refused(self, issues: ConfigIssues, key: str, value: object) -> Value:
+        """Note that a value is not allowed, and return the one in its place."""
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return self.invalid
+
+
+class Number(OfKind[float]):
     """Kind of value: a number from `low` to `high` [`unit`], times `scale` in the unit in memory."""
 
-    low: float
-    high: float
-    unit: str = ""
-    scale: float = 1.0
+    invalid = math.nan
 
-    @property
-    def invalid(self) -> float:
-        """NaN."""
-        return math.nan
-
-    @property
-    def allowed(self) -> str:
-        """The range with its unit."""
-        return f"{self.low:g} to {self.high:g}{' ' + self.unit if self.unit else ''}"
+    def __init__(self, low: float, high: float, unit: str = "", scale: float = 1.0) -> None:
+        super().__init__(with_unit(f"{low:g} to {high:g}", unit))
+        self.low, self.high, self.unit, self.scale = low, high, unit, scale
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
         """Return the number in the unit in memory; NaN and an issue if it is invalid."""
         return self.scale * number(issues, key, value, self.low, self.high, self.unit)
 
 
-class Flag:
+class Flag(OfKind[bool]):
     """Kind of value: a boolean."""
 
     allowed, invalid = "true or false", False
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
         """Return the value; false and an issue if it is no boolean."""
-        if not isinstance(value, bool):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return value is True
+        return value if isinstance(value, bool) else self.refused(issues, key, value)
 
 
-class Whole(NamedTuple):
-    """Kind of value: a whole number within [low, high]."""
+class Whole(OfKind[int]):
+    """Kind of value: a whole number within [low, high]; invalid ones are `low`."""
 
-    low: int
-    high: int
-
-    @property
-    def allowed(self) -> str:
-        """The range in words."""
-        return f"a whole number from {self.low} to {self.high}"
-
-    @property
-    def invalid(self) -> int:
-        """The lowest number."""
-        return self.low
+    def __init__(self, low: int, high: int) -> None:
+        super().__init__(f"a whole number from {low} to {high}")
+        self.low, self.high, self.invalid = low, high, low
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the number; `low` and an issue if it is invalid."""
         found = int(value) if isinstance(value, float) and value.is_integer() else value
-        if isinstance(found, bool) or not isinstance(found, int) or not self.low <= found <= self.high:
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return found
+        return found if is_whole(found, self.low, self.high) else self.refused(issues, key, value)
 
 
-class Size(NamedTuple):
+class Size(OfKind[int]):
     """Kind of value: a size of at least `least` bytes, as a whole number or a text with a unit ("500MB")."""
 
-    least: int
-
-    @property
-    def allowed(self) -> str:
-        """The range in words."""
-        return f"bytes from {self.least:,} on, or a size such as 500MB, 2GB"
-
-    @property
-    def invalid(self) -> int:
-        """The smallest size."""
-        return self.least
+    def __init__(self, least: int) -> None:
+        super().__init__(f"bytes from {least:,} on, or a size such as 500MB, 2GB")
+        self.invalid = least
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
         """Return the size in bytes; `least` and an issue if it is invalid."""
         match = _SIZE.fullmatch(value) if isinstance(value, str) else None
         found = round(float(match[1]) * _UNITS[match[2].upper()]) if match else value
-        if isinstance(found, bool) or not isinstance(found, int) or found < self.least:
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return found
+        return found if is_whole(found, self.invalid) else self.refused(issues, key, value)
 
 
-class Choice(NamedTuple):
+class Choice(OfKind[str]):
     """Kind of value: one of several words."""
 
-    words: Sequence[str]
+    invalid = ""
 
-    @property
-    def invalid(self) -> str:
-        """An empty text."""
-        return ""
-
-    @property
-    def allowed(self) -> str:
-        """The list of the words."""
-        return f"one of {', '.join(self.words)}"
+    def __init__(self, words: Sequence[str]) -> None:
+        super().__init__(f"one of {', '.join(words)}")
+        self.words = words
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the word; "" and an issue if it is none of them."""
         return text(issues, key, value, self.words)
 
 
-class Choices(NamedTuple):
+class Choices(OfKind[tuple[str, ...]]):
     """Kind of value: a list of which each item is one of several words."""
 
-    values: Sequence[str]
+    invalid = ()
 
-    @property
-    def invalid(self) -> tuple[str, ...]:
-        """An empty tuple."""
-        return ()
-
-    @property
-    def allowed(self) -> str:
-        """The list of the words."""
-        return f"a list of {', '.join(self.values)}"
+    def __init__(self, values: Sequence[str]) -> None:
+        super().__init__(f"a list of {', '.join(values)}")
+        self._values = values
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the items; an empty tuple and an issue if they are invalid."""
-        if not isinstance(value, list) or any(each not in self.values for each in value):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return tuple(value)
+        is_valid = isinstance(value, list) and all(each in self._values for each in value)
+        return tuple(value) if is_valid else self.refused(issues, key, value)
 
 
-class Level(NamedTuple):
+class Level(OfKind[float]):
     """Kind of value: a binary level, 0 or 1, or the word for it."""
 
-    words: tuple[str, str] = ("low", "high")
+    invalid = math.nan
 
-    @property
-    def invalid(self) -> float:
-        """NaN."""
-        return math.nan
-
-    @property
-    def allowed(self) -> str:
-        """Both levels with their words."""
-        return f"0 ({self.words[0]}) or 1 ({self.words[1]})"
+    def __init__(self, words: tuple[str, str] = ("low", "high")) -> None:
+        super().__init__(f"0 ({words[0]}) or 1 ({words[1]})")
+        self.words = words
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
         """Return 0.0 or 1.0; NaN and an issue if it is neither."""
         if isinstance(value, str) and value in self.words:
             return float(self.words.index(value))
-        if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
-            return float(value)
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return math.nan
+        return float(value) if is_number(value) and value in (0, 1) else self.refused(issues, key, value)
 
 
-class Label(NamedTuple):
+class Label(OfKind[float]):
     """Kind of value: that of a signal, as a number in the database's unit or a label of its value table."""
 
-    allowed: str = "a number, or a label of the signal"
-
-    @property
-    def invalid(self) -> float:
-        """NaN."""
-        return math.nan
+    allowed, invalid = "a number, or a label of the signal", math.nan
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
         """Return the number or the label; NaN and an issue if it is neither."""
         if isinstance(value, str) and value:
             return value
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
+        if is_number(value) and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
             return float(value)
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        self.refused(issues, key, value)
         issues.settle(key)  # the signal's own reader has no other issue with it
         return math.nan
 
 
-class Text(NamedTuple):
+class Text(OfKind[str]):
     """Kind of value: any text that is not empty; `allowed` is what messages call it."""
 
-    allowed: str = "a text"
-
-    @property
-    def invalid(self) -> str:
-        """An empty text."""
-        return ""
+    allowed, invalid = "a text", ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
         """Return the text, of a path, too; "" and an issue if it is none."""
         value = os.fspath(value) if isinstance(value, os.PathLike) else value
-        if not isinstance(value, str) or not value.strip():
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return ""
-        return value
+        return value if isinstance(value, str) and value.strip() else self.refused(issues, key, value)
 
 
-class Texts(NamedTuple):
+class Texts(OfKind[tuple[str, ...]]):
     """Kind of value: a list of texts, or a single text; `allowed` is what messages call it."""
 
-    allowed: str
-
-    @property
-    def invalid(self) -> tuple[str, ...]:
-        """An empty tuple."""
-        return ()
+    invalid = ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the texts; an empty tuple and an issue if they are invalid."""
         given = [value] if isinstance(value, str | os.PathLike) else value
         if not isinstance(given, list) or not all(isinstance(each, str | os.PathLike) and each for each in given):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
+            return self.refused(issues, key, value)
         return tuple(map(os.fspath, given))
 
 
-class Names(NamedTuple):
+class Names(OfKind[tuple[str, ...]]):
     """Kind of value: names, in a list or separated by commas; `allowed` is what messages call them."""
 
-    allowed: str = "names, in a list or separated by commas"
-
-    @property
-    def invalid(self) -> tuple[str, ...]:
-        """An empty tuple."""
-        return ()
+    allowed, invalid = "names, in a list or separated by commas", ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
         """Return the names; an empty tuple and an issue if they are invalid."""
@@ -263,24 +198,20 @@ class Names(NamedTuple):
             found = tuple(name.strip() for each in given for name in each.split(",") if name.strip())
             if found or not given:
                 return found
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return self.invalid
+        return self.refused(issues, key, value)
 
 
-class File:
+class File(OfKind[Path]):
     """Kind of value: the path of a file."""
 
     allowed, invalid = "a path", Path()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Path:
         """Return the path; an issue if it is none."""
-        if not isinstance(value, str | os.PathLike) or not os.fspath(value):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
-        return Path(value)
+        return Path(value) if _is_named(value) else self.refused(issues, key, value)
 
 
-class Paths:
+class Paths(OfKind[tuple[Path, ...]]):
     """Kind of value: paths of files, in a list, or one."""
 
     allowed, invalid = "a path, or a list of them", ()
@@ -288,41 +219,34 @@ class Paths:
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
         """Return the paths; an empty tuple and an issue if they are invalid."""
         given = value if isinstance(value, list) else [value]
-        if not given or not all(isinstance(each, str | os.PathLike) and os.fspath(each) for each in given):
+        if not given or not all(map(_is_named, given)):
             issues.add(key, f"{show(value) if given else 'none'}; allowed: {self.allowed}")
             return self.invalid
         return tuple(map(Path, given))
 
 
-class Loaded(NamedTuple):
-    """Kind of value: a shipped name, a file, or an object that was loaded from one."""
+class Loaded(OfKind[Any]):
+    """Kind of value: a shipped name, a file, or an object of a class of these names that was loaded from one.
 
-    classes: tuple[str, ...]  # their names, the public one first: not every command loads them
-    invalid: str = ""
+    Not every command loads the classes; the first one is public.
+    """
 
-    @property
-    def allowed(self) -> str:
-        """Name, file and public class in words."""
-        return f"a shipped name, a file, a {self.classes[0]}"
+    invalid = ""
+
+    def __init__(self, classes: tuple[str, ...]) -> None:
+        super().__init__(f"a shipped name, a file, a {classes[0]}")
+        self._classes = classes
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
         """Return the value as it is; an issue if it is none of these."""
-        is_named = isinstance(value, str | os.PathLike) and bool(os.fspath(value))
-        if is_named or type(value).__name__ in self.classes:
-            return value
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return self.invalid
+        is_valid = _is_named(value) or type(value).__name__ in self._classes
+        return value if is_valid else self.refused(issues, key, value)
 
 
-class NumbersByName(NamedTuple):
+class NumbersByName(OfKind[dict[str, float]]):
     """Kind of value: numbers by their names, as a mapping or as texts NAME=VALUE."""
 
-    allowed: str = "NAME=VALUE with a finite number, each name once"
-
-    @property
-    def invalid(self) -> dict[str, float]:
-        """No numbers."""
-        return {}
+    allowed, invalid = "NAME=VALUE with a finite number, each name once", _EMPTY
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> dict[str, float]:
         """Return the numbers by their names; an issue if the texts state none, or a name twice.
@@ -345,52 +269,39 @@ class NumbersByName(NamedTuple):
         return found
 
 
-class NumberOr(NamedTuple):
+class NumberOr(OfKind[None]):
     """Kind of value: a number, or a word; `allowed` is what messages call it."""
 
-    allowed: str
-
-    @property
-    def invalid(self) -> None:
-        """None."""
-        return None
+    invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str | None:
         """Return the value; None and an issue if it is neither."""
-        if isinstance(value, str | int | float) and not isinstance(value, bool):
-            return value
-        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return self.invalid
+        return value if isinstance(value, str) or is_number(value) else self.refused(issues, key, value)
 
 
-class Raw(NamedTuple):
+class Raw(OfKind[None]):
     """Kind of value: any, which a reader of its own validates later."""
 
-    allowed: str
-
-    @property
-    def invalid(self) -> None:
-        """None."""
-        return None
+    invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
         """Return the value as it is."""
         return value
 
 
-class Subtable(NamedTuple):
+class Subtable(OfKind[Table]):
     """Kind of value: a table, whose keys are read later."""
 
-    allowed: str = "a table"
-
-    @property
-    def invalid(self) -> Table:
-        """An empty table."""
-        return {}
+    allowed, invalid = "a table", _EMPTY
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Table:
         """Return the table; an empty one and an issue if it is none."""
         return table(issues, key, value)
+
+
+def _is_named(value: object) -> bool:
+    """Whether a value is the name or path of a file."""
+    return isinstance(value, str | os.PathLike) and bool(os.fspath(value))
 
 
 def listed(given: str | Path | Sequence[str | Path]) -> list[str | Path]:

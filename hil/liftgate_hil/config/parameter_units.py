@@ -18,8 +18,8 @@ from liftgate_hil.config.scenario_schema import (
     ScenarioTable,
     SignalTable,
 )
-from liftgate_hil.config.spread import key_of
 from liftgate_hil.config.toml import Table
+from liftgate_hil.config.variant import key_of
 from liftgate_hil.signals import PROFILES
 
 _TABLES = {

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import physical_range
+from liftgate_hil.codec.bus_config import MAX_PAGES, pages_of, physical_range
 from liftgate_hil.codec.frames import MAX_BYTES
-from liftgate_hil.codec.multiplexing import MAX_PAGES, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, needs_fd
 from liftgate_hil.config.signal_name import find_signal, listed, listed_signals
-from liftgate_hil.config.toml import show
+from liftgate_hil.config.toml import is_number, show
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant, moved
 from liftgate_hil.stimuli.restbus import BusTables, SignalChange
@@ -79,15 +78,14 @@ def value_in(
 
     `key` is the prefix of the keys signal and value in issues.
     """
-    signal = _signal_in(f"{key}signal", name, tables, taken, issues)
+    signal = check_signal(f"{key}signal", name, tables, taken, issues)
     if signal is None:
         return None
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     low, high = physical_range(signal)
     if isinstance(value, str) and value in labels:
         return float(signal.scale) * labels[value] + float(signal.offset)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not low <= float(str(value)) <= high:
+    if not is_number(value) or not low <= float(str(value)) <= high:
         words = f", or one of {listed(list(labels))}" if labels else ""
         unit = f" {signal.unit}" if signal.unit else ""
         issues.add(f"{key}value", f"{show(value)}; allowed: {low:g} to {high:g}{unit}{words}")
@@ -114,12 +112,7 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
     return tuple(found)
 
 
-def check_signal(key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> None:
-    """Note what is wrong with a signal that the bench shall send."""
-    _signal_in(key, name, tables, taken, issues)
-
-
-def _signal_in(
+def check_signal(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> DatabaseSignal | None:
     """Return the database's signal of a name if the bench may send it; else None and an issue."""

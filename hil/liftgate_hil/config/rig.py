@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,15 +15,13 @@ from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, needs_fd,
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.described import Field, Record, fields_of, read_record
-from liftgate_hil.config.diagnostics import diagnostics_of
-from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, reset_of
-from liftgate_hil.config.file_kinds import check_kind
+from liftgate_hil.config.driver import NO_DRIVER, DriverButtons, buttons_of, diagnostics_of, reset_of
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.restbus import sendable
 from liftgate_hil.config.signal_mapping import signal_mappings
-from liftgate_hil.config.toml import Table, read_toml, show
+from liftgate_hil.config.toml import Table, check_kind, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -251,17 +248,11 @@ def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> 
     orders = orders_of(given.inject or {}, rig.tables, rig.mapped, issues)
     rig = replace(rig, driver=DriverButtons(buttons, reset), orders=orders)
     for make in (rig.input_config, rig.output_config):
-        with _collecting(issues):
+        try:
             make()
+        except ConfigError as error:
+            issues.take(issues.unsettled(error.issues))
     return rig, issues
-
-
-@contextlib.contextmanager
-def _collecting(issues: ConfigIssues) -> Iterator[None]:
-    try:
-        yield
-    except ConfigError as error:
-        issues.take(issues.unsettled(error.issues))
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
@@ -338,10 +329,7 @@ def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
 
 
 def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
-    """Whether cars use an identifier for diagnostics.
-
-    With 11 bits ISO 15765-4 says so, with 29 the fixed addresses of ISO 15765-2.
-    """
+    """Whether cars use an identifier for diagnostics: ISO 15765-4 for 11 bits, ISO 15765-2 for 29."""
     if is_extended:
         return identifier >> 16 in (0x18DA, 0x18DB)
     return 0x7E0 <= identifier <= 0x7EF

@@ -16,13 +16,13 @@ from liftgate_hil.codec.bus_config import SignalMapping, counted_range
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.sending import LONGEST_MS, SendType, cycle_of, send_type_of
 from liftgate_hil.config.drafting.candidates import NOBODY, is_protection
-from liftgate_hil.config.drafting.j1939 import notes_on_j1939
-from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.shipped import data_root
+from liftgate_hil.config.signal_mapping import missing_values
+from liftgate_hil.config.signal_name import notes_on_j1939
 from liftgate_hil.config.units import conversion
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
@@ -74,18 +74,14 @@ def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
         "road_slope": _whole(math.degrees(slope), math.degrees(slope)),
         "gate_acceleration": _whole(min(weights), max(weights)),
     }
-    sides = {"left": vehicle.left, "right": vehicle.right}
-    for side in ("left", "right")[: vehicle.drives]:
-        found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, sides[side], link.stroke).items()}
+    for side, drive in zip(("left", "right"), drives, strict=False):
+        found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, drive, link.stroke).items()}
         found[f"{side}_motor_temperature"] = _whole(ambient, ambient)
     return found
 
 
 def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, ExpectedRange]:
-    """Return the expected values of one drive, by names without its side.
-
-    A stalled motor and one without load are the extremes.
-    """
+    """Return the expected values of one drive, by names without its side; at most stalled or without load."""
     sensors, motor, supply = vehicle.sensors, drive.motor, vehicle.supply.voltage
     stall = supply / motor.resistance
     turns = stroke * drive.gear.ratio / drive.spindle.lead

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, start_value
+from liftgate_hil.codec.bus_config import SignalMapping, is_on, multiplexer_values, pages_of, start_value
 from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import BRS, EXTENDED, FD
-from liftgate_hil.codec.multiplexing import is_on, multiplexer_values, pages_of
 from liftgate_hil.codec.protection import MessageOptions, signals_made
 from liftgate_hil.codec.rocksoft import Covered, Rocksoft
 from liftgate_hil.codec.sending import cycle_of, format_of, send_type_of, timeout_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,14 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from liftgate_hil.config.described import fields_of, read_record
-from liftgate_hil.config.file_kinds import check_kind
 from liftgate_hil.config.files import is_there, issue_with
-from liftgate_hil.config.profile_csv import PointsReader
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import ScenarioTable
-from liftgate_hil.config.scenario_tables import Fault, FoundTables, TableReader, check_once
+from liftgate_hil.config.scenario_tables import Fault, FoundTables, PointsReader, TableReader, check_once
 from liftgate_hil.config.settings import Setting, settings_in
-from liftgate_hil.config.toml import Table, number, read_toml, show, table
+from liftgate_hil.config.toml import Table, check_kind, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.stimuli.moments import Instant
@@ -164,11 +163,17 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
             settings[each.names] = each._replace(source=called.removesuffix(each.key))
         TableReader(part.path, part.issues, parameters, file.points, kept.tables).read(own, found)
     check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
-    if any(part.issues.count for part in parts):
-        raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
+    lines: list[str] = []
+    for part in parts:
+        try:
+            part.issues.raise_if_any()
+        except ConfigError as error:
+            lines += error.issues
+    if lines:
+        raise ConfigError(lines)
     return Scenario(
         TimedStimuli(dict(found.profiles), tuple(found.obstacles)),
-        tuple(sorted(found.requests, key=_order)),
+        tuple(sorted(found.requests, key=lambda each: math.inf if each.when.condition else each.when.time)),
         top.duration,
         precondition=top.precondition,
         timing_tolerance=top.timing_tolerance_s,
@@ -244,10 +249,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return the files of a scenario, each once, after those that it includes. Raises ConfigError.
-
-    `above` are the files that include this one; those that are `known` have been read, and it becomes one of them.
-    """
+    """Return the files of a scenario after those that they include, none that is `known`. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -282,21 +284,10 @@ def _included(raw: Table) -> tuple[str, ...]:
     return tuple(names) if is_list else ()
 
 
-def _lines_of(issues: ConfigIssues) -> list[str]:
-    try:
-        issues.raise_if_any()
-    except ConfigError as error:
-        return error.issues
-    return []
-
-
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the parameters of all files, with `replaced` applied, and how issues name each.
-
-    A file's own parameters override those of the files that it includes.
-    """
+    """Return the parameters of all files, a file's own before included ones, and how issues name each."""
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
     top_keys = {key.name for key in fields_of(ScenarioTable)}
@@ -323,11 +314,7 @@ def _parameters(
 def _filled_in(
     part: _PartRead, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
-    """Return a value with each `$name` in it replaced by the parameter; conditions resolve theirs themselves.
-
-    An issue with such a value is reported for the place that the parameter comes from, unless that is the same
-    file.
-    """
+    """Return a value with each `$name` in it replaced by the parameter; issues name where that comes from."""
     issues = part.issues
     if isinstance(value, dict):
         return {name: _filled_in(part, f"{key}.{name}", each, parameters, origins) for name, each in value.items()}
@@ -356,6 +343,26 @@ def _beside(path: Path, name: str | None) -> str | None:
     return str(beside) if (is_there(beside) if is_path else not issue_with(beside)) else name
 
 
-def _order(request: Request) -> float:
-    """Return the sort key of a request: its time, or infinity if it waits for a condition."""
-    return math.inf if request.when.condition else request.when.time
+def stimuli_after(scenario: Scenario, end: float) -> list[str]:
+    """Return a note for each stimulus that begins, or profile that changes, at or after the end of a run [s]."""
+    return [
+        f"{what} at {instant.time:g} s is never made: the run ends at {end:g} s"
+        for what, instant in begins(scenario)
+        if not instant.condition and instant.time >= end
+    ]
+
+
+def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
+    """Yield what each stimulus is, and when it begins."""
+    for request in scenario.requests:
+        yield f"request {request.action}", request.when
+    for timed in scenario.stimuli.obstacles:
+        yield "an obstacle", timed.start
+    for fault in scenario.faults:
+        yield f"fault {fault.kind}", fault.start
+    for name, profile in scenario.stimuli.profiles.items():
+        for (time, value), (later, other) in itertools.pairwise(profile.points):
+            if other != value:
+                yield f"change of {name}", Instant(time if profile.is_linear else later)
+    for signal in scenario.signals:
+        yield f"signal {signal.signal}", signal.when

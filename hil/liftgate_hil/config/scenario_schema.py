@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
-from liftgate_hil.config.kinds import SEED, Choice, Choices, Label, Number, Raw, Subtable, Text, Texts
-from liftgate_hil.config.toml import Table, number, show
+from liftgate_hil.config.kinds import SEED, Choice, Choices, Label, Number, OfKind, Raw, Subtable, Text, Texts
+from liftgate_hil.config.toml import Table, is_number, number, show
 from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.judging.expectation import STATES
@@ -24,7 +24,7 @@ _UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0}
 _TIME = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*({'|'.join(_UNITS)})?\s*")  # a time in quotes, which is no condition
 
 
-class When:
+class When(OfKind[Instant]):
     """A time or a condition."""
 
     allowed, invalid = f"0 to {LATEST:g} s, or a condition", START
@@ -37,13 +37,12 @@ class When:
             return self.invalid
         if isinstance(value, str) and value.strip():
             return Instant(math.nan, value, key=key, source=issues.source)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-            return self.invalid
+        if not is_number(value):
+            return self.refused(issues, key, value)
         return Instant(number(issues, key, value, 0.0, LATEST, "s, or a condition"))
 
 
-class TroubleCode:
+class TroubleCode(OfKind[str]):
     """A diagnostic trouble code of an ECU."""
 
     allowed, invalid = ALLOWED, ""
@@ -58,7 +57,7 @@ class TroubleCode:
         return str(value)
 
 
-class _Initial:
+class _Initial(OfKind[float]):
     """The initial condition of the gate: closed, open or an angle."""
 
     allowed, invalid = "0 to 180 deg, or closed, or open", math.nan

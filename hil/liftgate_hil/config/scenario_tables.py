@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ import numpy as np
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.described import dotted, fields_of, read_record, read_values
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
-from liftgate_hil.config.profile_csv import PointsReader
+from liftgate_hil.config.files import read_bytes
 from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.scenario_schema import (
     ExpectTable,
@@ -298,3 +299,51 @@ def check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
     """Add an issue for each name that comes more than once."""
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add(key, f"{name} appears {names.count(name)} times; allowed: once")
+
+
+_MOST_BYTES = 100_000_000
+
+
+class PointsReader:
+    """Reader of points in CSV files, which reads each column once and keeps its points."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[Path, str], list[list[float]]] = {}
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were read."""
+        return list(dict.fromkeys(path for path, _ in self._kept))
+
+    def read(self, path: Path, quantity: str) -> list[list[float]]:
+        """Return the points [time, value]. Raises ConfigError."""
+        if (path, quantity) not in self._kept:
+            self._kept[path, quantity] = _read_points(path, quantity)
+        return self._kept[path, quantity]
+
+
+def _read_points(path: Path, quantity: str) -> list[list[float]]:
+    """Return the points [time, value]. Raises ConfigError."""
+    try:
+        lines = read_bytes(path, _MOST_BYTES).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8: {error}") from error
+    try:
+        rows = [row for row in csv.reader(lines) if row]
+    except csv.Error as error:
+        raise ConfigError(f"{path}: {error}; allowed: a CSV file") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    places = []
+    for name in ("time_s", quantity):
+        if header.count(name) != 1:
+            raise ConfigError(f"{path}: column {name} {header.count(name)} times in its first line; allowed: once")
+        places.append(header.index(name))
+    points = []
+    for line, row in enumerate(rows[1:], 2):
+        try:
+            points.append([float(row[place]) for place in places])
+        except (ValueError, IndexError):
+            raise ConfigError(
+                f"{path}: row {line}: {show(','.join(row))}; allowed: a number in both columns"
+            ) from None
+    return points

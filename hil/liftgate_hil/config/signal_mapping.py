@@ -7,19 +7,19 @@ If none of them does, that is an issue: a quantity in the wrong unit goes unnoti
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.codec.bus_config import SignalMapping, physical_range
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.described import Field, Record, read_record
-from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.kinds import Flag, Number, Subtable, Text
 from liftgate_hil.config.signal_name import find_signal
-from liftgate_hil.config.toml import Table, known_keys, number, show
+from liftgate_hil.config.toml import Table, is_number, known_keys, number, show
 from liftgate_hil.config.units import SAME, Conversion, allowed_units, conversion, dimension_of, dimensions_named
 from liftgate_hil.errors import ConfigIssues
-from liftgate_hil.signals import renamed_output
+from liftgate_hil.signals import BUS_INPUTS, renamed_output
 from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conve
     return scale, offset
 
 
-def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> dict[str, Any] | None:
+def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> Table | None:
     """Return `values`; None if they are not given."""
     if given.values is None:
         if given.unit is not None and ours.values:
@@ -138,11 +138,7 @@ def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Sig
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
-    """Return the conversion from the unit of a database's signal to that of our quantity.
-
-    A plain number needs no unit. An unknown unit, or one of another dimension, adds an issue under `key`; the
-    result is then SAME.
-    """
+    """Return the conversion from a database's unit to that of our quantity; SAME and an issue if there is none."""
     if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)
@@ -169,11 +165,8 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
-) -> dict[str, Any] | None:
-    """Return the labels of the database's value table by our values; None if their numbers are ours, too.
-
-    If labels for our values are missing, None is returned and an issue noted.
-    """
+) -> dict[str, str] | None:
+    """Return the database's labels by our values; None if their numbers are ours, or, with an issue, some lack."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
@@ -190,3 +183,69 @@ def _own_labels(
     asked = ", ".join(f"{each} = …" for each in ours.values)
     issues.add(key, f"{name} has {has}; allowed: values = {{ {asked} }}, labels or numbers")
     return None
+
+
+def check_values(
+    issues: ConfigIssues,
+    key: str,
+    name: str,
+    values: Mapping[str, float | str],
+    theirs: DatabaseSignal,
+    ours: Signal,
+) -> None:
+    """Check that every value is one of `ours`, that the signal `name` can hold it, and that no two are equal."""
+    taken: dict[float, str] = {}
+    for label, value in values.items():
+        if label not in ours.values:
+            allowed = ", ".join(ours.values) or "none, this is not an enumeration"
+            issues.add(key, f"{label}: allowed: {allowed}")
+            continue
+        physical = _physical(issues, key, label, value, theirs)
+        if not math.isfinite(physical):
+            continue
+        if not _holds(theirs, physical):
+            low, high = physical_range(theirs)
+            steps = "" if theirs.is_float else f" in steps of {abs(float(theirs.scale)):g}"
+            issues.add(key, f"{label} = {show(value)}: {name} cannot hold it; allowed: {low:g} to {high:g}{steps}")
+        elif physical in taken:
+            issues.add(
+                key, f"{taken[physical]} and {label} are both {show(value)}; allowed: a value of its own for each"
+            )
+        else:
+            taken[physical] = label
+
+
+def check_complete(issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal) -> None:
+    """Check that an output has all values; an input may come from a sender that has fewer."""
+    missing = [label for label in ours.values if label not in values]
+    if missing:
+        issues.add(key, f"{', '.join(missing)} missing; allowed: a value for every label of an output")
+
+
+def missing_values(mapping: SignalMapping) -> list[str]:
+    """Return the labels of an input for which its signal has no value."""
+    ours = BUS_INPUTS[mapping.quantity]
+    return [] if mapping.values is None else [label for label in ours.values if label not in mapping.values]
+
+
+def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
+    """Return the physical value of a number, or of a label of `theirs`; NaN for others."""
+    if not isinstance(value, str):
+        return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
+    for raw, text in (theirs.choices or {}).items():
+        if str(text) == value:
+            return float(theirs.scale) * float(raw) + float(theirs.offset)
+    allowed = ", ".join(map(str, (theirs.choices or {}).values()))
+    issues.add(key, f"{label} = {value!r}: allowed: {allowed or 'numbers, the signal has no value table'}")
+    return math.nan
+
+
+def _holds(theirs: DatabaseSignal, physical: float) -> bool:
+    """Whether a frame can carry exactly this physical value."""
+    low, high = physical_range(theirs)
+    factor = float(theirs.scale)
+    if factor == 0.0 or theirs.is_float:
+        return low <= physical <= high
+    raw = (physical - float(theirs.offset)) / factor
+    half = 0.5 * abs(factor)
+    return low - half <= physical <= high + half and abs(raw - round(raw)) <= 1e-6

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from liftgate_hil.config.files import read_bytes
-from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names, nearest
+from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names, nearest, with_unit
 
 Table = dict[str, Any]
 
@@ -64,16 +64,18 @@ def read_toml(path: Path) -> Table:
     return content
 
 
-def copied_table(content: Table) -> Table:
+def copied_table(content: Any) -> Any:
     """Return a copy of a file's content, with tables and lists of its own."""
-    copied: Table = _copied(content)
-    return copied
+    if isinstance(content, dict):
+        return {name: copied_table(each) for name, each in content.items()}
+    return list(map(copied_table, content)) if isinstance(content, list) else content
 
 
-def _copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _copied(each) for name, each in value.items()}
-    return list(map(_copied, value)) if isinstance(value, list) else value
+def value_at(content: Any, path: Iterable[str]) -> Any:
+    """Return what tables in tables hold at a path of keys; None: nothing."""
+    for name in path:
+        content = content.get(name) if isinstance(content, Mapping) else None
+    return content
 
 
 def _is_deeper(content: Table, levels: int) -> bool:
@@ -91,18 +93,27 @@ def _is_deeper(content: Table, levels: int) -> bool:
     return True
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a number; a boolean is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def is_whole(value: object, low: float = -math.inf, high: float = math.inf) -> TypeGuard[int]:
+    """Whether a value is a whole number within [low, high]; a boolean is none."""
+    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
 def number(
     issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = "", least: float = 0.0
 ) -> float:
     """Return `value` as a float within [low, high], not between 0 and `least`; else NaN and an issue."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
-    allowed = f"{begin} to {high:g}{' ' + unit if unit else ''}"
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    allowed = with_unit(f"{begin} to {high:g}", unit)
+    if not is_number(value):
         issues.add(key, f"{show(value)} is not a number; allowed: {allowed}")
         return math.nan
-    if (
-        not low <= value <= high or 0.0 < value < least
-    ):  # true for NaN, too; whole numbers may be too large for a float
+    # True for NaN, too; whole numbers may be too large for a float.
+    if not low <= value <= high or 0.0 < value < least:
         issues.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)
@@ -160,3 +171,24 @@ def show(value: object) -> str:
 def shortened(text: str) -> str:
     """Return a text, shortened to at most 60 characters."""
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+# Some keys of each kind, which no other kind has.
+MARKS = {
+    "rig": ("dbc", "inputs", "outputs"),
+    "vehicle": ("drives", "motor", "gear", "spindle"),
+    "scenario": ("expect", "request", "obstacle", "profile", "fault", "precondition"),
+    "campaign": ("part",),
+}
+_SHARED = {"description"}  # keys of several kinds
+
+
+def check_kind(path: Path, content: Table, kind: str, known: Collection[str]) -> None:
+    """Raise ConfigError where a file has none of the `known` keys of its kind, and keys of another kind."""
+    if not content.keys().isdisjoint({*known} - _SHARED):
+        return
+    for other, marks in MARKS.items():
+        if other != kind and not content.keys().isdisjoint(marks):
+            raise ConfigError(
+                f"{path}: a {other} file, not a {kind}; allowed: a {kind} with {', '.join(MARKS[kind])}, …"
+            )

@@ -247,14 +247,10 @@ def conversion(signal: Signal, unit: str) -> Conversion | None:
     theirs = units.get(_folded(unit))
     if theirs is None:
         return None
-    ours = _own_unit(signal)
+    ours = units[_folded(signal.unit)] if signal.unit else _NUMBER
     factor = theirs.numerator * ours.denominator / (theirs.denominator * ours.numerator)
     offset = (theirs.offset - ours.offset) * ours.denominator / ours.numerator
     return factor, offset
-
-
-def _own_unit(signal: Signal) -> Unit:
-    return _known()[dimension_of(signal)][_folded(signal.unit)] if signal.unit else _NUMBER
 
 
 def allowed_units(signal: Signal) -> str:

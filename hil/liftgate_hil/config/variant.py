@@ -1,21 +1,216 @@
 """Variants of a vehicle file: the car as in the file, one drawn from its `[spread]`, or one without imperfections.
 
-The latter two are values that override the file, as KEY=VALUE does; KEY=VALUE overrides them in turn.
+The latter two are values that override the file, as KEY=VALUE does; KEY=VALUE overrides them in turn. The table
+`[spread]` says how the cars of a production differ from the file's values:
+
+    [spread.motor]
+    resistance = { relative = 0.03 }                                # normal, σ is 3 % of the value
+    torque_constant = { relative = 0.04, follow = ["motor.speed_constant"] }     # the same magnets
+    [spread.spring]
+    preload = { distribution = "uniform", relative = 0.05 }
+    [spread.sensors]
+    current_offset = { absolute = 0.05 }                            # A
+
+Keys of a drive are drawn for each drive. A draw depends only on its seed and the key, so that another key in the
+table does not change the rest. Normal and lognormal draws are limited to 3 σ, and every draw to the key's range.
 """
 
 from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+import math
+import zlib
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, NamedTuple
 
+from liftgate_hil.config.described import Field, Record, read_record
+from liftgate_hil.config.kinds import Choice, Number, Raw
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
 from liftgate_hil.config.settings import Setting, applied
-from liftgate_hil.config.spread import drawn, spreads_of
-from liftgate_hil.config.toml import Table
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
+from liftgate_hil.config.toml import Table, is_number, number, show, table, value_at
 from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_plant.noise import gaussian, uniform
 from liftgate_plant.quantity import Points
+
+DISTRIBUTIONS = ("normal", "lognormal", "uniform")
+_MOST = 1e12  # limit of a value or a width, beyond the ranges of all keys
+_TAIL = 3.0  # σ
+_TRIALS = 64  # attempts at a normal draw within _TAIL; one in 10¹⁶⁵ fails
+
+Names = tuple[str, ...]
+_END = Raw("a number within the range of the key")
+
+# fmt: off
+# A field with its key is a row of a table.
+
+
+class SpreadTable(Record):
+    """The keys of a value's entry in `[spread]`."""
+
+    distribution: Annotated[str, Field(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"
+    relative: Annotated[float | None, Field(Number(0.0, 1.0), "σ, or half the width of `uniform`, as a share "
+        "of the value; for `lognormal` σ of the logarithm")] = None
+    absolute: Annotated[float | None, Field(Number(0.0, _MOST), "the same in the key's unit")] = None
+    low: Annotated[Any, Field(_END, "lower limit of `uniform`, together with `high`")] = None
+    high: Annotated[Any, Field(_END, "upper limit of `uniform`")] = None
+    follow: Annotated[Any, Field(Raw("a list of keys"), "keys that change by the same factor: "
+        "`[\"motor.speed_constant\"]`")] = ()
+
+
+# fmt: on
+
+
+class Spread(NamedTuple):
+    """Distribution of the value of a key."""
+
+    names: Names  # table and key, or side, table and key
+    distribution: str
+    relative: float  # σ, or half width, as a share of the value; of lognormal: σ of the logarithm
+    absolute: float  # σ, or half width, in the key's unit
+    ends: tuple[float, float] | None  # low and high of uniform, if given instead of a width
+    follow: tuple[Names, ...]  # keys that change by the same factor
+
+
+def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
+    """Return the table `[spread]` of a file's content; issues are noted."""
+    result = []
+    for names, entry in _entries(table(issues, "spread", raw.get("spread", {})), ()):
+        dotted = ".".join(("spread", *names))
+        if key_of(names) is None:
+            issues.add(dotted, f"{show(entry)}: unknown key; allowed: keys of this file's tables")
+            continue
+        if names[0] == "right" and raw.get("drives") == 1:
+            issues.add(dotted, "this gate has drives = 1, the left one; allowed: no such key")
+        elif isinstance(entry, dict):
+            before = issues.count
+            spread = _spread_of(issues, dotted, names, entry)
+            result += [spread] if issues.count == before else []
+        else:
+            issues.add(dotted, f"{show(entry)}; allowed: a table, e.g. {{ relative = 0.03 }}")
+    return result
+
+
+def key_of(names: Names) -> Key | None:
+    """Return the key of a vehicle file with these names; None if there is none or it is no number."""
+    is_sided = len(names) == 3 and names[0] in SIDES
+    tables = DRIVE_TABLES if is_sided else {**DRIVE_TABLES, **BODY_TABLES}
+    if len(names) != 2 + is_sided or names[-2] not in tables:
+        return None
+    key = keys_of(tables[names[-2]]).get(names[-1])
+    return key if key is not None and key.kind is float else None
+
+
+def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
+    for name, value in content.items():
+        names = (*above, *name.split("."))
+        depth = 3 if names[0] in SIDES else 2
+        if isinstance(value, dict) and len(names) < depth:
+            yield from _entries(value, names)
+        else:
+            yield names, value
+
+
+def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> Spread:
+    given = read_record(issues, dotted, entry, SpreadTable)
+    distribution = given.distribution
+    ways = {"relative": ("relative",), "absolute": ("absolute",), "low and high": ("low", "high")}
+    allowed = {"normal": 2, "lognormal": 1, "uniform": 3}.get(distribution, 3)
+    choice = [way for way in list(ways)[:allowed] if all(each in entry for each in ways[way])]
+    widths = {each for each in entry if each in ("relative", "absolute", "low", "high")}
+    if len(choice) != 1 or widths != set(ways[choice[0]]):
+        issues.add(
+            dotted,
+            f"{show(entry)}; allowed: one of {', '.join(list(ways)[:allowed])} with distribution = {distribution}",
+        )
+    ends = None
+    if given.low is not None and given.high is not None:
+        key = key_of(names)
+        assert key is not None
+        low = number(issues, f"{dotted}.low", given.low, key.quantity.low, key.quantity.high)
+        high = number(issues, f"{dotted}.high", given.high, key.quantity.low, key.quantity.high)
+        if low > high:
+            issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to high")
+        ends = (low, high)
+    followers = _followers(issues, dotted, names, given.follow)
+    return Spread(names, distribution, given.relative or 0.0, given.absolute or 0.0, ends, followers)
+
+
+def _followers(issues: ConfigIssues, dotted: str, names: Names, given: Any) -> tuple[Names, ...]:
+    is_drive = names[-2] in DRIVE_TABLES
+    if not isinstance(given, list | tuple) or not all(isinstance(each, str) for each in given):
+        issues.add(f"{dotted}.follow", f"{show(given)}; allowed: a list of keys")
+        return ()
+    result = []
+    for each in given:
+        follower = (*names[:-2], *each.split("."))
+        if key_of(follower) is None or (follower[-2] in DRIVE_TABLES) != is_drive:
+            kind = "a drive" if is_drive else "the gate"
+            issues.add(f"{dotted}.follow", f"{show(each)}; allowed: TABLE.KEY of a number of {kind}")
+        else:
+            result.append(follower)
+    return tuple(result)
+
+
+def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float]:
+    """Return the values of one car, in the file's units, by name; keys of a drive have one for each drive."""
+    result: dict[Names, float] = {}
+    for spread in spreads:
+        for place in _places(spread.names):
+            if place[0] == "right" and raw.get("drives") == 1:
+                continue
+            nominal = _value(raw, place)
+            if nominal is None:  # reported by other issues of the file
+                continue
+            result[place] = _within(place, _draw(spread, nominal, seed, place))
+            factor = result[place] / nominal if nominal else 1.0
+            for follower in spread.follow:
+                own = (*place[:-2], *follower[-2:])
+                if (value := _value(raw, own)) is not None:
+                    result[own] = _within(own, factor * value)
+    return result
+
+
+def _places(names: Names) -> list[Names]:
+    """Return the names under which a car has the key: once, or in each drive."""
+    if len(names) == 2 and names[0] in DRIVE_TABLES:
+        return [(side, *names) for side in SIDES]
+    return [names]
+
+
+def _value(raw: Table, names: Names) -> float | None:
+    """Return the value of a key in the file's content, or its default, in the file's unit; None if it has none."""
+    key = key_of(names)
+    assert key is not None
+    for path in (names, names[-2:]):
+        place = value_at(raw, path)
+        if place is not None:
+            return float(place) if is_number(place) and abs(place) <= _MOST else None
+    return None if key.default is None else float(key.default / key.quantity.scale)
+
+
+def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
+    channel = zlib.crc32(".".join(place).encode())
+    if spread.distribution == "uniform":
+        share = uniform(seed, 0, channel)
+        if spread.ends is not None:
+            return spread.ends[0] + share * (spread.ends[1] - spread.ends[0])
+        return nominal + (2.0 * share - 1.0) * (spread.relative * abs(nominal) + spread.absolute)
+    deviation = next(
+        (each for each in (gaussian(seed, k, channel) for k in range(_TRIALS)) if abs(each) <= _TAIL), 0.0
+    )
+    if spread.distribution == "lognormal":
+        return nominal * math.exp(spread.relative * deviation)
+    return nominal + deviation * (spread.relative * abs(nominal) + spread.absolute)
+
+
+def _within(place: Names, value: float) -> float:
+    """Return a value limited to the range that the key allows."""
+    key = key_of(place)
+    assert key is not None
+    within = min(max(math.floor(value) if key.quantity.is_whole else value, key.quantity.low), key.quantity.high)
+    return key.quantity.least if 0.0 < within < key.quantity.least else within
+
 
 # Keys that say how the sensors are built, not what errors they have.
 _BUILD = (
@@ -74,9 +269,7 @@ def _ideal(raw: Table) -> list[Setting]:
     """Return settings that replace values of the file by the defaults, which are ideal."""
     result = []
     for path in [*((name,) for name in IDEAL), *itertools.product(SIDES, IDEAL)]:
-        given: Any = raw
-        for name in path:
-            given = given.get(name) if isinstance(given, dict) else None
+        given = value_at(raw, path)
         if not isinstance(given, dict):
             continue
         for key, about in keys_of(_TABLES[path[-1]]).items():

@@ -1,20 +1,31 @@
-"""Read a vehicle file; the allowed keys and ranges are defined at the parameters themselves, in `plant`."""
+"""Read and change a vehicle file; allowed keys and ranges are defined at the parameters themselves, in `plant`."""
 
 from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.file_kinds import check_kind
-from liftgate_hil.config.settings import Setting, applied
-from liftgate_hil.config.spread import spreads_of
-from liftgate_hil.config.toml import Table, copied_table, known_keys, number, read_toml, show, table, text
-from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
+from liftgate_hil.config.settings import Setting, applied, apply_setting
+from liftgate_hil.config.toml import (
+    Table,
+    check_kind,
+    copied_table,
+    known_keys,
+    number,
+    read_text,
+    read_toml,
+    show,
+    table,
+    text,
+    value_at,
+)
+from liftgate_hil.config.variant import AS_FILED, Variant, settings_for, spreads_of
 from liftgate_hil.errors import ConfigIssues, with_unit
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
@@ -48,7 +59,7 @@ class VehicleFile:
 
     def vehicle(self, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
         """Return a variant of the vehicle, with settings applied. Raises ConfigError with all issues."""
-        raw = copied_table(self.raw)
+        raw: Table = copied_table(self.raw)
         origins = applied(raw, settings_for(raw, variant, settings, str(self.path)))
         if self._is_spread_sound and raw.get("spread") == self.raw.get("spread"):
             raw.pop("spread", None)  # which need not be checked again
@@ -208,10 +219,7 @@ def _unit(quantity: Quantity) -> str:
 
 
 def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that no motor makes energy, as one with c1Φ of more than c2Φ/2π does.
-
-    Its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes.
-    """
+    """Check that no motor makes energy: its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes."""
     limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
     given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
     for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
@@ -279,10 +287,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Check that the striker's distances from home fall in the order in which it passes them: entry, half, full.
-
-    A latch without positions (half = 0) has none.
-    """
+    """Check that the striker passes in order: entry, half, full. A latch without positions (half = 0) has none."""
     if own.half == 0.0:
         return
     if own.full >= own.half:
@@ -324,3 +329,44 @@ def _geometry_issue(link: gate_body.Linkage, open_angle: float) -> str:
         f"the actuator's lever arm falls to {least:.4g} m between 0 and "
         f"open_angle_deg; allowed: hinge, gate_point and body_point that keep it above 0.0001 m"
     )
+
+
+_COORDINATE = re.compile(r"(.+)\[([01])\]")
+
+
+def vehicle_text(
+    source: Path, settings: Sequence[Setting], values: Mapping[str, float], origin: Mapping[str, Any]
+) -> str:
+    """Return the text of `source` with `settings` and `values` (by their dotted names) applied.
+
+    `origin` becomes the table `[identification]`, which states the provenance of the values.
+    """
+    import tomlkit
+
+    read_toml(source)  # raises ConfigError if it is invalid
+    document: Any = tomlkit.parse(read_text(source))
+    for setting in settings:
+        apply_setting(document, setting)
+    for name, value in values.items():
+        _put(document, name, value)
+    document.pop("identification", None)
+    document["identification"] = dict(origin)
+    text: str = tomlkit.dumps(document)
+    return text
+
+
+def _put(document: Any, name: str, value: float) -> None:
+    """Set one value, also in the table of a drive that has that key itself."""
+    match = _COORDINATE.fullmatch(name)
+    names = (match[1] if match else name).split(".")
+    places = [names]
+    if names[0] not in SIDES:
+        places += [[side, *names] for side in SIDES if value_at(document, [side, *names]) is not None]
+    for path in places:
+        table = document
+        for key in path[:-1]:
+            table = table.setdefault(key, {})
+        if match:
+            table[path[-1]][int(match[2])] = value
+        else:
+            table[path[-1]] = value

@@ -1,21 +1,25 @@
-"""Comparison of two recordings: the differences of each column, at the times that both have."""
+"""Comparison of two recordings: differences of each column at the times that both have, of frames; its picture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, NamedTuple, cast
 
 import numpy as np
 
-from liftgate_hil.conversion.compare_frames import FramesCompared
+from liftgate_hil.config.described import command
+from liftgate_hil.conversion.compare_frames import FramesCompared, compare_frames
 from liftgate_hil.conversion.held_values import Compared, HeldValues
-from liftgate_hil.conversion.partners import partners
-from liftgate_hil.conversion.table import Window, chosen
-from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S
+from liftgate_hil.conversion.partners import TIME_TOLERANCE_S, aligned, partners
+from liftgate_hil.conversion.request import CompareRequest, tolerance_in
+from liftgate_hil.conversion.table import Window, chosen, columns_in, files_of, open_table, open_whole, window_of
 from liftgate_hil.described_result import DescribedResult, Shown
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Recording
+from liftgate_hil.errors import ConfigError, number_of
+from liftgate_hil.formats.guarded import Say, silent
+from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.recording import Recording, read_options
 
 # fmt: off
 # A field with its description is a row of a table.
@@ -150,10 +154,7 @@ class _Sum:
         self._squares, self._count = 0.0, 0
 
     def add(self, found: Compared) -> None:
-        """Add the column's next rows.
-
-        A value that only one recording has counts as larger than any number, and is left out of the sum.
-        """
+        """Add the column's next rows; a value that only one has is larger than any, and not in the sum."""
         differences = found.differences()
         known = np.isfinite(differences)
         sizes = np.where(known, np.abs(differences), np.inf)
@@ -175,3 +176,90 @@ class _Sum:
 
 def _values(found: Compared, place: int) -> Values:
     return Values(*(float(each[place]) for each in found))
+
+
+_PICTURED = 6  # columns that are drawn where none are named
+
+
+def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -> Comparison:
+    """Compare two recordings, and draw them where the request names a picture.
+
+    `report` is called with how far it is, `say` with what becomes of a picture that was there. Raises ConfigError.
+    """
+    window, tolerance_s = window_of(request.from_s, request.to_s), _time_tolerance_s(request)
+    rig, columns = request.rig, request.columns
+    how = read_options(request.recording_channel, request.timezone)
+    paths = Path(request.first), Path(request.second)
+    inputs = [*paths, *([] if rig is None else files_of(rig))]
+    target = None
+    if request.output is not None:
+        from liftgate_hil.conversion.sheet import check_picture  # imported only for a picture, as that takes time
+
+        target = check_picture(str(request.output), inputs)
+    sources = open_recording(paths[0], how), open_recording(paths[1], how)
+    have_frames = all(each.channel is not None for each in sources)
+    have_rows = rig is not None or all(each.signals for each in sources)
+    if (not have_rows and not have_frames) or (columns and not have_rows):
+        raise ConfigError(
+            f"{paths[0]}, {paths[1]}: not both recordings hold rows; allowed: with --rig, which decodes frames"
+        )
+    if target is not None and not have_rows:
+        raise ConfigError(f"`output` {target}: allowed with recordings that hold rows, or with --rig")
+    found, read = Comparison((), 0, (0, 0), ((), ())), sources
+    if have_rows:
+
+        def opened(path: Path) -> Recording:
+            """Open a table; without a rig, signals are decoded by the recording's own one."""
+            return open_whole(path, None, how, columns) if rig is None else open_table(path, rig, how)
+
+        tables = opened(paths[0]), opened(paths[1])
+        read = tables = tables[0], aligned(*tables, round(1e9 * tolerance_s))
+        tolerances = dict(map(tolerance_in, cast(tuple[str, ...], request.tolerance)))  # as `of` reads them
+        common = tolerances.pop("", 0.0)
+        found = compare_tables(
+            tables, columns, tolerances, common, window, tolerance_s, lambda rows: report(number_of(rows, "row"))
+        )
+        if target is not None:
+            _draw(target, tables, found, request, say)
+    if have_frames and not columns and window == Window() and rig is None:
+        frames = compare_frames(*sources, tolerance_s, lambda count: report(number_of(count, "frame")))
+        found = replace(found, frames=frames)
+    return replace(found, notes=tuple(f"{each.path}: {note}" for each in read for note in each.notes))
+
+
+@command(CompareRequest)
+def compare(request: CompareRequest) -> Comparison:
+    """Compare two recordings: the differences of each column, and of their frames.
+
+    Rows are compared at the times that both have. Raises ConfigError.
+    """
+    return compared(request)
+
+
+def _time_tolerance_s(request: CompareRequest) -> float:
+    return TIME_TOLERANCE_S if request.time_tolerance is None else request.time_tolerance
+
+
+def _draw(
+    target: Path, tables: tuple[Recording, Recording], found: Comparison, request: CompareRequest, say: Say
+) -> None:
+    """Draw the requested columns of both, else up to _PICTURED of those that differ and the usual ones."""
+    from liftgate_hil.conversion.figures.columns import one_of_each, panels_of, two_pictures, usual_columns
+    from liftgate_hil.conversion.sheet import write_picture
+
+    names = list(dict.fromkeys(request.columns))
+    if not names:
+        unlike = [each.name for each in found.columns if not each.is_equal]
+        usual = usual_columns(tables[0])
+        names = [name for name in usual if name in unlike]
+        names += [name for name in [*unlike, *usual] if name not in names]
+        names = one_of_each(names)[:_PICTURED]
+    panels_of(names, tables[0])
+    window = window_of(request.from_s, request.to_s)
+    both = columns_in(tables[0], names, window), columns_in(tables[1], names, window)
+    titles = (tables[0].path.name, tables[1].path.name)
+    if titles[0] == titles[1]:
+        titles = (str(tables[0].path), str(tables[1].path))
+    units = {name: tables[0].signals[name].unit for name in names}
+    figure = two_pictures(titles, both, names, units, _time_tolerance_s(request))
+    write_picture(target, figure, " and ".join(titles), ", ".join(names), say)

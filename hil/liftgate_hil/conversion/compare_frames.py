@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD_FLAGS, REMOTE, no_logged
-from liftgate_hil.conversion.time_offset import TIME_TOLERANCE_S, offset_of
+from liftgate_hil.conversion.partners import TIME_TOLERANCE_S, offset_of
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.formats.recording import Recording
 

@@ -62,16 +62,10 @@ class _Plan:
     notes: tuple[str, ...]
 
 
-def _never() -> bool:
-    return False
-
-
-def _nobody(rows: int, frames: int) -> None:
-    """Ignore how far a conversion is."""
-
-
 def converted(
-    request: ConvertRequest, stopped: Callable[[], bool] = _never, report: Callable[[int, int], None] = _nobody
+    request: ConvertRequest,
+    stopped: Callable[[], bool] = lambda: False,
+    report: Callable[[int, int], None] = lambda rows, frames: None,
 ) -> Converted:
     """Convert a recording: write it in the format of the target's suffix.
 
@@ -80,7 +74,11 @@ def converted(
 
     Raises ConfigError, RecordingError.
     """
-    source, target, rig = Path(request.source), _checked(Path(request.target)), request.rig
+    source, rig = Path(request.source), request.rig
+    try:
+        target = check_file("OUT", str(Path(request.target)))
+    except ConfigError as error:
+        raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
     inputs = [source] if rig is None else [source, *files_of(rig)]
     if is_one_of(target, inputs):
         raise ConfigError(f"{target}: is the input file; allowed: another file")
@@ -97,13 +95,6 @@ def convert(request: ConvertRequest) -> Converted:
     result. A file that is already there is kept under another name. Raises ConfigError, RecordingError.
     """
     return converted(request)
-
-
-def _checked(target: Path) -> Path:
-    try:
-        return check_file("OUT", str(target))
-    except ConfigError as error:
-        raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
 
 
 def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
@@ -291,10 +282,7 @@ class _Copied:
         self._marks_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
-        """Copy the blocks of frames whose first frame is not later than `time_ns` [ns].
-
-        It returns early if `ended` returns true.
-        """
+        """Copy the blocks of frames that begin up to `time_ns` [ns], or until `ended`."""
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return
@@ -345,15 +333,12 @@ def _refuse_any(
     source: Recording, frames: NDArray[np.void], refused: NDArray[np.bool_], called: str, target: Path
 ) -> None:
     """Raise ConfigError if a frame is refused."""
-    if refused.any():
-        _refuse(source, frames[int(np.argmax(refused))], called, target)
-
-
-def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
+    if not refused.any():
+        return
+    time_s = frames["time_ns"][int(np.argmax(refused))] / 1e9
     whole = ", ".join(_WITH_ERRORS) if called == "an error frame" else ".mf4"
     raise ConfigError(
-        f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold unchanged; "
-        f"allowed: {whole}"
+        f"{source.path}: {called} at {time_s:.6f} s, which {target.suffix} cannot hold unchanged; allowed: {whole}"
     )
 
 

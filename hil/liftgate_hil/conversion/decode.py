@@ -91,7 +91,8 @@ class Decoder:
         self.signals: dict[str, Signal] = {"time_s": TIME}
         for message in self._messages.values():
             for signal in message.signals:
-                self.signals[f"{message.name}.{signal.name}"] = _described(signal)
+                meaning = (signal.comment or "").strip()
+                self.signals[f"{message.name}.{signal.name}"] = Signal(signal.unit or "", -np.inf, np.inf, meaning)
         self._held = np.full(len(self.signals), np.nan)
         self._last_ns = -(2**62)
 
@@ -174,7 +175,3 @@ def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message])
     return [
         each for each in messages.values() if each.frame_id | (EXTENDED if each.is_extended_frame else 0) in found
     ]
-
-
-def _described(signal: BusSignal) -> Signal:
-    return Signal(signal.unit or "", -np.inf, np.inf, (signal.comment or "").strip())

@@ -58,10 +58,7 @@ class HeldValues:
         self._forget()
 
     def _windows(self, place: int, until: int, known: tuple[int, int]) -> _Windows:
-        """Return the windows of one recording's rows that can be compared: all rows up to `until` are known.
-
-        Windows that begin before or end after the other recording has values, which is `known`, are left out.
-        """
+        """Return the windows of rows that can be compared: up to `until`, where the other has values (`known`)."""
         own, other, tolerance = self._rows[place].times, self._rows[1 - place].times, self._tolerance
         begin = self._done[place]
         # A row holds until the next one.
@@ -116,10 +113,7 @@ class _Windows(NamedTuple):
     high: Places  # (m,) row after the last one in the window
 
     def nearest(self, values: Floats, others: Floats) -> Floats:
-        """Return the other recording's value (n,) for each row, from the window in which the row is furthest off.
-
-        `values` (n,) are those of the rows, `others` all that the other recording has.
-        """
+        """Return the value in `others` (n,) for each of the rows' `values` (n,), where the row is furthest off."""
         if not len(values):
             return values
         least, largest, lacks = _extremes(others, self.low, self.high)
@@ -137,10 +131,7 @@ class _Windows(NamedTuple):
 
 
 def _smallest(low: Places, high: Places, held: Places) -> tuple[Places, Places, Places]:
-    """Return the windows without those that contain another one of the same row: the row is not further off there.
-
-    Both ends of successive windows rise, so that it is enough to compare a window with its neighbours.
-    """
+    """Return the windows (their ends rise) that contain no other of the same row, no further off there."""
     kept = np.ones(len(held), dtype=bool)
     kept[:-1] = (np.diff(high) != 0) | (np.diff(held) != 0)
     low, high, held = low[kept], high[kept], held[kept]
@@ -150,10 +141,7 @@ def _smallest(low: Places, high: Places, held: Places) -> tuple[Places, Places, 
 
 
 def _extremes(values: Floats, low: Places, high: Places) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return the least and the largest of values[low:high], and whether one of them is NaN, for each window (m,).
-
-    By powers of two: the extremes of any window are those of two windows of the same power that overlap.
-    """
+    """Return least, largest and whether one is NaN of values[low:high] (m,), by overlapping powers of two."""
     least, largest, lacks = values, values, np.isnan(values)
     found = np.empty(len(low)), np.empty(len(low)), np.zeros(len(low), dtype=bool)
     width, power = high - low, 1

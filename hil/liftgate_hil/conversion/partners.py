@@ -1,8 +1,9 @@
-"""Rows of two recordings that have a partner: a row of the other one at the same time, within a tolerance."""
+"""Rows of two recordings with a partner, a row of the other at the same time within a tolerance; their offset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,10 @@ class TimedRows(NamedTuple):
     def where(self, chosen: NDArray[np.bool_] | slice) -> TimedRows:
         """Return some of the rows."""
         return TimedRows(self.times[chosen], self.values[chosen])
+
+    def between(self, begin: int, end: int) -> TimedRows:
+        """Return the rows after `begin` up to `end` [ns]."""
+        return self.where(slice(*np.searchsorted(self.times, (begin, end), side="right").tolist()))
 
     def then(self, others: TimedRows) -> TimedRows:
         """Return these rows and later ones."""
@@ -63,7 +68,7 @@ def partners(
         known = min(each.last for each in columns)
         until = known - tolerance if known < NEVER else NEVER
         if until > begin:
-            spans = [each.rows.where(_between(each.rows.times, begin, until)) for each in columns]
+            spans = [each.rows.between(begin, until) for each in columns]
             chosen = [
                 _has_partner(span.times, other.rows.times, tolerance)
                 for span, other in zip(spans, reversed(columns), strict=True)
@@ -90,11 +95,6 @@ def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Pl
     after = np.clip(np.searchsorted(others, times[here]), 1, max(len(others) - 1, 1))
     is_before = times[here] - others[after - 1] <= others[np.minimum(after, len(others) - 1)] - times[here]
     return here, np.where(is_before, after - 1, np.minimum(after, len(others) - 1))
-
-
-def _between(times: Nanoseconds, begin: int, end: int) -> slice:
-    """Return the place of the rows after `begin` up to `end` [ns]."""
-    return slice(*np.searchsorted(times, (begin, end), side="right").tolist())
 
 
 def _has_partner(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> NDArray[np.bool_]:
@@ -138,10 +138,7 @@ class _Reader:
 
     @property
     def held(self) -> tuple[int, int]:
-        """From when and until when the table has values [ns]; NEVER: there may be more.
-
-        Its last row holds as long as the one before it.
-        """
+        """From when until when it has values [ns], the last row as long as that before; NEVER: maybe more."""
         if self.last < NEVER or len(self._ends) < 2:
             return self._first, NEVER
         return self._first, int(2 * self._ends[1] - self._ends[0])
@@ -149,3 +146,60 @@ class _Reader:
     def drop(self, until: int) -> None:
         """Forget the rows before a time [ns]."""
         self.rows = self.rows.where(slice(int(np.searchsorted(self.rows.times, until)), None))
+
+
+TIME_TOLERANCE_S = 1e-6  # formats keep microseconds, rounded or truncated
+_COARSE_NS = 1_000_000  # resolution of the start time in ASC and TRC
+
+
+def offset_of(shift_ns: int, first_ns: int, second_ns: int, tolerance_ns: int) -> int:
+    """Return the offset [ns] between the times of two recordings, which is no difference of their content.
+
+    `shift_ns` is the time of the first row or frame in the first recording minus that in the second, `first_ns`
+    and `second_ns` are the wall clock at their time 0 (0: unknown). The offset is the difference of the wall
+    clocks if the shift is that, too, within `tolerance_ns`; the shift, if it is so to the millisecond and a wall
+    clock is not known more precisely; else 0.
+    """
+    by_clock = second_ns - first_ns
+    if abs(shift_ns - by_clock) <= tolerance_ns:
+        return by_clock
+    is_coarse = any(each and each % _COARSE_NS == 0 for each in (first_ns, second_ns))
+    return shift_ns if is_coarse and abs(shift_ns - by_clock) <= _COARSE_NS else 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShiftedRows(Recording):
+    """Rows of a recording with a constant added to their times."""
+
+    source: Recording
+    offset_s: float
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the file."""
+        return self.source.notes
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: no value."""
+        shift = np.array([self.offset_s if name == "time_s" else 0.0 for name in wanted])
+        for rows in self.source.rows(wanted):
+            yield rows + shift
+
+
+def aligned(first: Recording, second: Recording, tolerance_ns: int) -> Recording:
+    """Return the rows of the second recording with times that count from the time 0 of the first one."""
+    begins = [_first_ns(each) for each in (first, second)]
+    if begins[0] is None or begins[1] is None:
+        return second
+    offset = offset_of(begins[0] - begins[1], first.start_ns, second.start_ns, tolerance_ns)
+    if not offset:
+        return second
+    return ShiftedRows(
+        path=second.path, signals=second.signals, names=second.names, source=second, offset_s=1e-9 * offset
+    )
+
+
+def _first_ns(table: Recording) -> int | None:
+    """Return the time of the first row [ns]; None: there is none, or its time is no number."""
+    rows = next(table.rows(["time_s"]), None)
+    return None if rows is None or not np.isfinite(rows[:1]).all() or not len(rows) else round(1e9 * rows[0, 0])

@@ -1,15 +1,15 @@
-"""Picture of a recording, of a vehicle, or of both: one of the figures of `figures.catalogue`."""
+"""Picture of a recording, of a vehicle, or of both: one of the figures of `FIGURES`."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from liftgate_hil.config.described import command, fields_of
-from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
-from liftgate_hil.conversion.figures.subject import FigureSubject
-from liftgate_hil.conversion.request import COLUMNS, OF_RECORDING, OF_VEHICLE, PlotRequest
+from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
+from liftgate_hil.conversion.request import COLUMNS, FIGURES, OF_RECORDING, OF_VEHICLE, PlotRequest
 from liftgate_hil.conversion.sheet import check_picture, write_picture
 from liftgate_hil.conversion.table import files_of, open_whole, window_of
 from liftgate_hil.errors import ConfigError
@@ -49,6 +49,12 @@ def plot(request: PlotRequest) -> Plotted:
     Raises ConfigError.
     """
     return plotted(request)
+
+
+def drawn(name: str, subject: FigureSubject) -> Drawn:
+    """Draw the figure of that name, one of FIGURES. Raises ConfigError where the subject lacks what it needs."""
+    module = importlib.import_module(f"liftgate_hil.conversion.figures.{name}")
+    return cast(Drawn, module.draw(subject))
 
 
 def _check(request: PlotRequest) -> None:

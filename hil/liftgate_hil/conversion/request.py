@@ -5,16 +5,38 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Names, Number, Text
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle_choice import VehicleSettings
-from liftgate_hil.conversion.figures.catalogue import FIGURES
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.formats.suffixes import BUS_LOGS, PICTURES, ROWS_AND_FRAMES, ROWS_ONLY, either
 
+
+class FigureKind(NamedTuple):
+    """What a figure shows, and of what."""
+
+    meaning: str
+    of_recording: bool = False
+    of_vehicle: bool = False
+
+
+FIGURES: Mapping[str, FigureKind] = {
+    "columns": FigureKind("columns over time", of_recording=True),
+    "thesis": FigureKind(
+        "voltage, current, speed, position, angle and force, arranged as in the thesis", of_recording=True
+    ),
+    "phase": FigureKind("gate rate over gate angle", of_recording=True),
+    "pinch": FigureKind(
+        "the contact with the largest pinch force, and its limit", of_recording=True, of_vehicle=True
+    ),
+    "forces": FigureKind("torques on the gate at rest over its angle", of_vehicle=True),
+    "static": FigureKind(
+        "where the gate stays, and where the drives start it, over slope and supply", of_vehicle=True
+    ),
+}
 _LONGEST_S = 3600.0  # s; all rows within it are kept in memory
 
 

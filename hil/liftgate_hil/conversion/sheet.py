@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.suffixes import PICTURES
-from liftgate_hil.report.drawing import pdf, png, style, svg
+from liftgate_hil.report.drawing import new_figure, pdf, png, style, svg
 from liftgate_hil.report.files import SOFTWARE, check_targets, put_report
 from liftgate_hil.report.numbers import clean
 from liftgate_hil.report.page import figure as figure_html
@@ -36,13 +37,19 @@ def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
     return Path(name)
 
 
-def settings() -> None:
-    """Set the fonts of a sheet; call it inside `drawing.style`, before a figure is made."""
+@contextlib.contextmanager
+def sheet(height: float, title: str, width: float = WIDTH, is_spaced: bool = False) -> Iterator[Figure]:
+    """Context for a figure of this size [inch] in a sheet's fonts; `is_spaced`: a blank line below its title."""
     import matplotlib
 
-    matplotlib.rcParams.update(
-        {"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT, "legend.fontsize": FONT}
-    )
+    with style():
+        matplotlib.rcParams.update(
+            {"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT, "legend.fontsize": FONT}
+        )
+        figure = new_figure(height, width)
+        if title:
+            figure.suptitle(clean(title, 90) + "\n" * is_spaced, fontsize=FONT + 2.0)
+        yield figure
 
 
 def finish(figure: Figure, caption: str = "") -> None:

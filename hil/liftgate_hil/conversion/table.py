@@ -19,9 +19,13 @@ from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
 from liftgate_hil.formats.open import open_recording
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.plan.recorded_setup import recorded_setup
+from liftgate_hil.plan.setup import rig_from
+from liftgate_hil.signals import OUTPUT_COLUMNS
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
+
+    from liftgate_hil.codec.bus_config import SignalMapping
 
 Floats = NDArray[np.float64]
 
@@ -207,3 +211,22 @@ def columns_in(table: Recording, names: Sequence[str], window: Window) -> dict[s
         raise ConfigError(f"{table.path}: no rows in the time window; allowed: a window that holds rows")
     rows = np.concatenate(blocks)
     return {name: np.ascontiguousarray(rows[:, k]) for k, name in enumerate(wanted)}
+
+
+# The output that a rig must map for each column.
+OUTPUT_OF = {column: output for output, column in OUTPUT_COLUMNS.items()}
+
+
+def mappings_of(rig: str) -> dict[str, SignalMapping]:
+    """Return a rig's signal mappings by our column that each carries; none for a database."""
+    try:
+        outputs = rig_from(rig).outputs
+    except ConfigError:
+        return {}
+    return {OUTPUT_COLUMNS[each.quantity]: each for each in outputs if each.quantity in OUTPUT_COLUMNS}
+
+
+def ours_in(rig: str, names: Sequence[str]) -> dict[str, str]:
+    """Return which decoded signals (`names`) stand for which of our columns, by a rig's file."""
+    wired = {column: f"{wire.message}.{wire.signal}" for column, wire in mappings_of(rig).items()}
+    return {column: name for column, name in wired.items() if name in names}

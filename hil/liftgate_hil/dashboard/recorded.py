@@ -12,8 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from liftgate_hil.conversion.ours import ours_in
-from liftgate_hil.conversion.table import open_whole
+from liftgate_hil.conversion.table import open_whole, ours_in
 from liftgate_hil.dashboard.page_state import (
     AboutRecording,
     ActingObstacle,

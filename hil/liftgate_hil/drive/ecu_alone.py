@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from liftgate_compiler import GivenUpError
 from liftgate_hil.config.described import value_of
 from liftgate_hil.config.kinds import Number
-from liftgate_hil.config.vehicle_keys import keys_of
+from liftgate_hil.config.parameters import keys_of
 from liftgate_hil.drive.compilation import reporting_compilation
 from liftgate_hil.drive.notes import without_effect
 from liftgate_hil.ecu.find import adapter_for

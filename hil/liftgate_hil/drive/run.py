@@ -11,9 +11,9 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 
-from liftgate_hil.config.after_the_end import stimuli_after
 from liftgate_hil.config.described import command
 from liftgate_hil.config.rig_fit import notes_on_fit
+from liftgate_hil.config.scenario import stimuli_after
 from liftgate_hil.drive.result import Result, nothing_of
 from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.find import is_library

@@ -18,8 +18,8 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
-from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS, Rig
+from liftgate_hil.config.signal_mapping import missing_values
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration

@@ -8,23 +8,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE
+from liftgate_hil.codec.frames import BRS, ERROR, ESI, FD, REMOTE
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import (
     BUS_ERROR,
     REQUEST,
     BusLog,
     Fields,
+    LogLines,
+    NotUnderstoodError,
     bus_of,
-    is_length,
+    checked_identifier,
     length_of_code,
+    lines_in,
     log_of,
 )
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import local_of, stated_in
-from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
-from liftgate_hil.formats.message_writer import MessageWriter
-from liftgate_hil.formats.text_blocks import lines_in
+from liftgate_hil.formats.writer import MessageWriter
 
 _HEAD = 40  # lines that may hold the header
 _BASE = re.compile(
@@ -238,11 +239,7 @@ class _Lines(LogLines):
         return True
 
     def _identifier(self, word: str) -> int:
-        is_extended = word[-1] in "xX"
-        number = int(word.rstrip("xX"), self._base)
-        if number >= 1 << (29 if is_extended else 11):
-            raise NotUnderstoodError
-        return number | (EXTENDED if is_extended else 0)
+        return checked_identifier(int(word.rstrip("xX"), self._base), word[-1] in "xX")
 
     def _bytes(self, words: Sequence[str]) -> bytes:
         return bytes(int(word, self._base) for word in words)
@@ -251,7 +248,4 @@ class _Lines(LogLines):
         return self._now_us * 1000, ERROR | BUS_ERROR, 0, is_sent, b""
 
     def _fields(self, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
-        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
-        if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
-            raise NotUnderstoodError
-        return self._now_us * 1000, identifier, length, is_sent, data
+        return self.checked(self._now_us * 1000, identifier, length, is_sent, data)

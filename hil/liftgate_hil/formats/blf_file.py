@@ -25,14 +25,15 @@ from liftgate_hil.formats.bus_log import (
     Part,
     Sorter,
     bus_of,
+    checked_identifier,
     is_length,
     length_of_code,
     log_of,
 )
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.local_time import as_system_time, local_of, of_system_time
-from liftgate_hil.formats.message_writer import MessageWriter
-from liftgate_hil.formats.reading import as_config_errors
+from liftgate_hil.formats.recording import as_config_errors
+from liftgate_hil.formats.writer import MessageWriter
 
 _CONTAINER_BYTES = 128 * 1024  # that are compressed together
 _WALL_US = 631_152_000_000_000  # 1990: python-can takes an earlier start as none
@@ -99,8 +100,6 @@ _NEAR, _LOOKED_AT = 8, 64  # bytes within which the next object begins, as objec
 _MOST_BYTES = 1 << 26  # of an object: a larger size is damage
 
 _IS_CONTAINER = 10
-_MESSAGES, _FD_MESSAGES, _FD_64S = (1, 86), (100,), (101,)
-_ERRORS, _ERROR_EXTS, _FD_ERRORS = (2,), (73,), (104,)
 # Statistics, triggers, comments, markers, watermarks and the like: known to be no frames.
 _SILENT = frozenset((4, 5, 44, 51, 54, 65, 92, 94, 96, 98, 107, 112, 114, 115, 118, 119, 127, 128))
 _KINDS = {
@@ -156,10 +155,7 @@ def _parts(path: Path, begin: int, account: Account) -> Iterator[Part]:
 
 
 def _objects_in(text: Any, at: int) -> tuple[list[tuple[int, int, int, int]], int]:
-    """Return where each whole object in a text begins, its header's size, its type, and where it ends.
-
-    Also returns where the rest begins, which is not whole. Raises ValueError where there is no object.
-    """
+    """Return begin, header's size, type, end of each whole object, and the rest's begin. Raises ValueError."""
     found: list[tuple[int, int, int, int]] = []
     while True:
         begin = text.find(b"LOBJ", at, at + _NEAR + 4)
@@ -299,18 +295,13 @@ def _fd_error(text: bytes, at: int) -> Read:
 
 
 _READERS: dict[int, Callable[[bytes, int], Read]] = {
-    **dict.fromkeys(_MESSAGES, _message),
-    **dict.fromkeys(_FD_MESSAGES, _fd_message),
-    **dict.fromkeys(_FD_64S, _fd_64),
-    **dict.fromkeys(_ERRORS, _error),
-    **dict.fromkeys(_ERROR_EXTS, _error),
-    **dict.fromkeys(_FD_ERRORS, _fd_error),
+    **dict.fromkeys((1, 86), _message),
+    **dict.fromkeys((2, 73), _error),
+    100: _fd_message,
+    101: _fd_64,
+    104: _fd_error,
 }
 
 
 def _identifier(number: int) -> int:
-    """Return the identifier in a message. Raises ValueError if it has too many bits."""
-    plain = number & ~EXTENDED
-    if plain >= 1 << (29 if number & EXTENDED else 11):
-        raise ValueError(f"identifier 0x{plain:X}")
-    return number
+    return checked_identifier(number & ~EXTENDED, bool(number & EXTENDED))

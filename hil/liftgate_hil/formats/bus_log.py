@@ -1,4 +1,4 @@
-"""Bus logs of any program: frames of one bus, or of several buses of which one is chosen."""
+"""Bus logs of any program, also in lines of text: frames of one bus, or of several of which one is chosen."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.local_time import epoch_us
-from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.recording import Recording, no_such_bus
+from liftgate_hil.formats.recording import Recording, as_config_errors, no_such_bus
 
 BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error frame whose format states no class
 NO_TIME_NS = 1 << 63  # the field of a frame's time cannot hold as much
@@ -36,9 +35,8 @@ class BusLog(Recording):
 
     parts: Parts  # reads the file from its beginning; times count from `start_ns`
     only: str | None = None  # the bus that was chosen
-    stated: datetime | None = (
-        None  # when the times begin, as the file's header states it, in its maker's local time
-    )
+    # When the times begin, as the file's header states it, in its maker's local time.
+    stated: datetime | None = None
 
     def frames(self) -> Iterator[NDArray[np.void]]:
         """Yield the frames (n,) LOGGED of the log's bus, one block at a time.
@@ -149,3 +147,93 @@ def is_length(length: int, identifier: int) -> bool:
 def length_of_code(code: int, is_fd: bool) -> int:
     """Return the length [bytes] that a data length code stands for: above 8, classic frames have 8 bytes."""
     return LENGTHS[code] if is_fd else min(code, _CLASSIC_BYTES)
+
+
+_FIRST_BYTES, _BLOCK_BYTES = (
+    1 << 16,
+    1 << 22,
+)  # bytes; the first block is small, as often only the first frame is wanted
+_LONGEST = 1 << 20  # bytes of a line
+
+
+class TextBlock(NamedTuple):
+    """Some lines of a text."""
+
+    line: int  # number of the first one, from 1
+    text: bytes
+    is_whole: bool = True  # false: the last line of a file, without a newline at its end
+
+
+def text_blocks(path: Path) -> Iterator[TextBlock]:
+    """Yield the whole lines of a text, block by block, then a last line without a newline. Raises ConfigError."""
+    line, rest, size = 1, b"", _FIRST_BYTES
+    with path.open("rb") as stream:
+        while text := stream.read(size):
+            lines, newline, rest = (rest + text).rpartition(b"\n")
+            if newline:
+                yield TextBlock(line, lines + newline)
+                line += lines.count(b"\n") + 1
+            if len(rest) > _LONGEST:
+                raise ConfigError(
+                    f"{path}: cannot be read: line {line} is longer than {_LONGEST} bytes; allowed: text"
+                )
+            size = _BLOCK_BYTES
+    if rest:
+        yield TextBlock(line, rest, is_whole=False)
+
+
+def lines_in(path: Path) -> Iterator[tuple[int, str, bool]]:
+    """Yield the lines of a text with their numbers, and whether each ends with a newline. Raises ConfigError."""
+    for block in text_blocks(path):
+        for number, line in enumerate(block.text.removesuffix(b"\n").split(b"\n"), block.line):
+            yield number, line.decode("utf-8", "replace"), block.is_whole
+
+
+def checked_identifier(number: int, is_extended: bool) -> int:
+    """Return an identifier with the flag of its format. Raises ValueError if it has too many bits."""
+    if number >= 1 << (29 if is_extended else 11):
+        raise ValueError(f"identifier 0x{number:X}")
+    return number | (EXTENDED if is_extended else 0)
+
+
+class NotUnderstoodError(Exception):
+    """A line that is neither a frame nor known to be none."""
+
+
+class LogLines:
+    """Base class of the readers of lines: a format says by `frame_in` which frame a line is."""
+
+    def __init__(self, account: Account) -> None:
+        self._account = account
+
+    def checked(self, time_ns: int, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
+        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
+        if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
+            raise NotUnderstoodError
+        return time_ns, identifier, length, is_sent, data
+
+    def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
+        """Return the bus and the fields of the frame in a line; None: it is known to be none.
+
+        Raises NotUnderstoodError, ValueError, LookupError, OverflowError for a line that no form of the format
+        covers.
+        """
+        raise NotImplementedError
+
+    def parts(self, path: Path) -> Iterator[Part]:
+        """Yield the frames in a log, bus by bus; the account is told of lines that are left out."""
+        frames = Sorter()
+        for number, line, is_whole in lines_in(path):
+            try:
+                found = self.frame_in(number, line)
+                if found is not None and abs(found[1][0]) >= NO_TIME_NS:
+                    raise NotUnderstoodError
+            except (NotUnderstoodError, ValueError, LookupError, OverflowError):
+                found = None
+                if is_whole:
+                    self._account.not_understood(number, line)
+                else:
+                    self._account.cut_off()
+            if found is not None and frames.add(*found):
+                yield from frames.take()
+        yield from frames.take()

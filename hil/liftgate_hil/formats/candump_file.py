@@ -27,10 +27,20 @@ from liftgate_hil.codec.frames import (
 )
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, NO_TIME_NS, BusLog, Fields, Part, Sorter, is_length, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    NO_TIME_NS,
+    BusLog,
+    Fields,
+    Part,
+    Sorter,
+    TextBlock,
+    is_length,
+    log_of,
+    text_blocks,
+)
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.text_blocks import TextBlock, text_blocks
+from liftgate_hil.formats.recording import as_config_errors
 from liftgate_hil.formats.writer import StreamWriter
 
 _WIDTH = 2 * MAX_BYTES
@@ -239,11 +249,7 @@ class _Lines:
 
 
 def _identifier(name: str) -> int | None:
-    """Return the identifier of a name of hexadecimal digits, with its flags; None if there is no such frame.
-
-    More than three digits are those of an extended frame. Bit 29 marks an error frame, of any class
-    (linux/can/error.h).
-    """
+    """Return the identifier of hexadecimal digits (linux/can/error.h, too), with flags; None: no such frame."""
     number = int(name, 16)
     if number & ERROR and number < EXTENDED:
         return number & 0x3FFFFFFF

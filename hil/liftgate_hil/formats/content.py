@@ -75,13 +75,10 @@ class Content:
     @property
     def bus_number(self) -> int:
         """Bus number for formats without bus names: the one at the end of the name (can1, 1), else 0."""
-        number = None if _is_address(self.channel) else re.search(r"\d+$", self.channel)
+        # The end of an IP address, as of a multicast group, numbers nothing.
+        is_address = self.channel.count(".") == 3 or self.channel.count(":") > 1
+        number = None if is_address else re.search(r"\d+$", self.channel)
         return int(number[0]) if number and int(number[0]) <= _MOST_BUSES else 0
-
-
-def _is_address(channel: str) -> bool:
-    """Whether a channel is an IP address, as of a multicast group, whose end numbers nothing."""
-    return channel.count(".") == 3 or channel.count(":") > 1
 
 
 def lines_about(about: str) -> list[str]:

@@ -23,12 +23,21 @@ import orjson
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import CUT
-from liftgate_hil.formats.csv_cells import doubts_about, first_cells, with_newlines, without_words
-from liftgate_hil.formats.csv_header import NOT_FINITE, NUMBER, UNNAMED, decoded, header_of, without_comments
-from liftgate_hil.formats.date_column import FORMS, Stamp, seconds_since, stamp_of
+from liftgate_hil.formats.csv_header import (
+    NOT_FINITE,
+    NUMBER,
+    UNNAMED,
+    decoded,
+    doubts_about,
+    first_cells,
+    header_of,
+    with_newlines,
+    without_comments,
+    without_words,
+)
+from liftgate_hil.formats.local_time import FORMS, Stamp, seconds_since, stamp_of
 from liftgate_hil.formats.mcap_layout import START_COLUMN
-from liftgate_hil.formats.reading import as_config_errors
-from liftgate_hil.formats.recording import Floats, Recording, check_time_first, column_signal
+from liftgate_hil.formats.recording import Floats, Recording, as_config_errors, check_time_first, column_signal
 
 _FEW = 3  # if fewer than a third of the columns are wanted, only their cells are parsed
 _DIGITS = b"0123456789+-.eE, \n"  # characters of rows in which each cell is a finite number, or empty
@@ -145,10 +154,7 @@ class CsvFile(Recording):
         return text if is_plain else decoded(self.path, text, at, self.encoding).encode()
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return these columns (n, len(places)) of n lines of text; an empty cell is NaN. Raises ConfigError.
-
-        `number` is that of the first row in the file.
-        """
+        """Return these columns (n, len(places)) of text, whose first row has this number. Raises ConfigError."""
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
@@ -224,10 +230,7 @@ class CsvFile(Recording):
         return values.reshape(len(ends), len(places))
 
     def _by_cell(self, text: bytes, written: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return the columns by parsing cell by cell, so that ConfigError can name the row and the cell.
-
-        `text` has decimal points, `written` is what the file has.
-        """
+        """Return the columns cell by cell, so that ConfigError names row and cell as `written` in the file."""
         rows = self._rows_of(text)
         width = len(self.names)
         for row, cells in enumerate(rows):

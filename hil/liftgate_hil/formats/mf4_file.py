@@ -22,10 +22,23 @@ from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.bus_log import several_buses
 from liftgate_hil.formats.content import Content, RowBatch
 from liftgate_hil.formats.mcap_layout import ABOUT
-from liftgate_hil.formats.mf4_content import about_in, columns_in, marks_in, not_read, other_buses_in
-from liftgate_hil.formats.mf4_frames import KINDS, FrameGroup, frame_groups_in, logged, merged, samples_of
+from liftgate_hil.formats.mf4_content import (
+    KINDS,
+    NO_NUMBERS,
+    NOT_NUMERIC,
+    FrameGroup,
+    about_in,
+    columns_in,
+    frame_groups_in,
+    logged,
+    marks_in,
+    merged,
+    not_read,
+    other_buses_in,
+    samples_of,
+    values_of,
+)
 from liftgate_hil.formats.mf4_reader import blocks_of, opened_mf4, why_not_read
-from liftgate_hil.formats.mf4_values import NO_NUMBERS, NOT_NUMERIC, values_of
 from liftgate_hil.formats.ours import MF4_PROGRAM
 from liftgate_hil.formats.recording import (
     FRAME,
@@ -345,7 +358,6 @@ def open_mf4(path: Path) -> Mf4File:
         about=about,
         marks=marks,
         remarks=notes,
-        sample="sample",
         columns=columns,
         buses=buses,
         bus_number=number,

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.reading import DAMAGED
+from liftgate_hil.formats.recording import DAMAGED
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
     level = logger.level
     # asammdf logs to stderr what it then raises, or can do without, and prints tracebacks to stdout.
     logger.setLevel(logging.CRITICAL + 1)
-    vars(mdf_v4)["print"] = _print_nothing
+    vars(mdf_v4)["print"] = lambda *_: None
     try:
         with path.open("rb") as file, ExitStack() as stack:
             stream = file if is_finished else stack.enter_context(_copy_of(file))
@@ -58,10 +58,6 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
         logger.setLevel(level)
     if text:
         raise ConfigError(f"{path}: cannot be read: {text}")
-
-
-def _print_nothing(*_: object) -> None:
-    """Print nothing, in place of `print`."""
 
 
 def why_not_read(error: Exception) -> str:
@@ -97,10 +93,7 @@ _HEADER_BLOCK, _BLOCK_HEAD = 64, 24
 
 
 def _check_groups(path: Path) -> None:
-    """Follow the chains of data groups and channel groups: asammdf never ends if one of them forms a ring.
-
-    Raises ConfigError.
-    """
+    """Raise ConfigError where a chain of data or channel groups forms a ring: asammdf would never end."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(_HEADER_BLOCK)

@@ -53,10 +53,7 @@ def is_ours(path: Path) -> bool:
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether a file is as this program completed it; of a table its columns count where nobody can tell.
-
-    Raises OSError.
-    """
+    """Whether a file is as we completed it; a table's columns count where nobody can tell. Raises OSError."""
     try:
         return os.getxattr(path, _ATTRIBUTE) == _signature(path)
     except OSError as error:
@@ -85,9 +82,8 @@ def _is_our_table(head: bytes, tail: bytes) -> bool:
     names = head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace").split(",")
     if ",".join(name for name in names if not name.startswith(FAULT_PREFIX)) not in _headers():
         return False
-    *rows, _ = tail.split(b"\n")[1:] or [
-        b""
-    ]  # without the header or the rest of a row, and the last one, maybe cut off
+    # Without the header or the rest of a row, and the last one, which may be cut off.
+    *rows, _ = tail.split(b"\n")[1:] or [b""]
     return all(_OUR_ROW.fullmatch(row) and row.count(b",") == len(names) - 1 for row in rows)
 
 
@@ -110,7 +106,7 @@ def _library_of(head: bytes) -> bytes:
 
 
 def _is_our_parquet(path: Path) -> bool:
-    from liftgate_hil.formats.reading import foreign_reader
+    from liftgate_hil.formats.recording import foreign_reader
 
     try:
         with foreign_reader(path, "Parquet", "pyarrow"):

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content, RowBatch
-from liftgate_hil.formats.date_column import Stamp
+from liftgate_hil.formats.local_time import Stamp
 from liftgate_hil.formats.mcap_layout import ABOUT_PARQUET, START_PARQUET
-from liftgate_hil.formats.reading import foreign_reader
 from liftgate_hil.formats.recording import (
     Floats,
     Recording,
     check_time_first,
     check_width,
     column_signal,
+    foreign_reader,
     nanoseconds_of,
 )
 from liftgate_hil.formats.writer import StreamWriter
@@ -89,13 +89,8 @@ class ParquetTableWriter(StreamWriter):
 
 
 _ROWS = 1 << 16
-_TICK_NS = {
-    "s": 10**9,
-    "ms": 10**6,
-    "us": 1000,
-    "ns": 1,
-    "[day]": 86_400 * 10**9,
-}  # by the unit of dates and times
+# Units of dates and times.
+_TICK_NS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1, "[day]": 86_400 * 10**9}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +156,8 @@ def open_parquet(path: Path) -> ParquetFile:
         others = {
             each.name: str(each.type)
             for each in schema
-            if each.name not in {*whole, *moments} and not _is_number(types, each.type)
+            if each.name not in {*whole, *moments}
+            and not (types.is_floating(each.type) or types.is_boolean(each.type) or types.is_decimal(each.type))
         }
     names = list(schema.names)
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -186,15 +182,8 @@ def open_parquet(path: Path) -> ParquetFile:
     )
 
 
-def _is_number(types: Any, kind: Any) -> bool:
-    return bool(types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind))
-
-
 def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
-    """Return the columns of dates and times, with the first moment of each and their unit [ns].
-
-    Dates count from the first row, times of day and durations from 0.
-    """
+    """Return the columns of dates (from the first row on) and times, each with its 0 and its unit [ns]."""
     from pyarrow import types
 
     found = {}

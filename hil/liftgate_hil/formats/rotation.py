@@ -1,4 +1,8 @@
-"""Recording in files of a limited size: `run.0001.csv`, `run.0002.csv`, … instead of `run.csv`."""
+"""Recording in one file, or in several of a limited size: `run.0001.csv`, `run.0002.csv`, … instead of `run.csv`.
+
+Beside formats that a kill corrupts (`.blf`, `.mf4`, `.parquet`, …) there are text files until these are complete:
+`run.mf4.log` holds the frames, `run.mf4.csv` the rows.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +11,18 @@ import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.formats.limit import Limit
-from liftgate_hil.formats.ours import is_ours
-from liftgate_hil.formats.target import aside_of, check_free, is_one_of, set_aside
+from liftgate_hil.errors import RecordingError
+from liftgate_hil.formats.ours import is_ours, sign
+from liftgate_hil.formats.suffixes import Limit
+from liftgate_hil.formats.target import aside_of, check_free, is_one_of, set_aside, why
 from liftgate_hil.formats.writer import Writer
 
 _SLICE = 512  # rows or frames after which the size is checked
-
-
-class PartWriter(Writer, Protocol):
-    """Writer of one file of a recording."""
-
-    @property
-    def texts(self) -> Sequence[str]:
-        """Paths of text files that hold the same until the file is complete."""
-
-    def leave(self) -> None:
-        """Close the file unfinished, after an error."""
 
 
 class Parts:
@@ -39,7 +33,11 @@ class Parts:
     """
 
     def __init__(
-        self, path: Path, open_part: Callable[[Path], PartWriter], limit: Limit | None, inputs: Sequence[Path] = ()
+        self,
+        path: Path,
+        open_part: Callable[[Path], SalvagedWriter],
+        limit: Limit | None,
+        inputs: Sequence[Path] = (),
     ) -> None:
         self._path = path
         self._open_part = open_part
@@ -128,7 +126,7 @@ class Parts:
             oldest = (self._earlier or self._written).pop(0)
             self._closing.append(self._pool.submit(remove, oldest))
 
-    def _next(self) -> PartWriter:
+    def _next(self) -> SalvagedWriter:
         path = self._path
         if self._limit is not None:
             self._number += 1
@@ -145,11 +143,7 @@ def _remove_ours(path: Path) -> None:
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside the files of an earlier recording with a limit, and return their new paths, the oldest first.
-
-    They replace those of the one before. Files of others stay, and so do `inputs`. Raises ConfigError if another
-    recorder writes to one of them, OSError.
-    """
+    """Set aside an earlier recording's files, but no `inputs`; return the paths. Raises ConfigError, OSError."""
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )
@@ -181,3 +175,77 @@ def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
     pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
     matches = ((pattern.fullmatch(each.name), each) for each in path.parent.iterdir())
     return {int(match[1]): each for match, each in matches if match is not None and not each.is_symlink()}
+
+
+class SalvagedWriter:
+    """Writer of a file with text files beside it, which are deleted once the file itself is complete.
+
+    `signed` is the file if it is then noted that it is ours, see `ours`.
+    """
+
+    def __init__(
+        self, recorder: Writer, texts: Sequence[tuple[Path, Writer]] = (), signed: Path | None = None
+    ) -> None:
+        self._recorder, self._signed = recorder, signed
+        self._texts = texts
+        self._all = [*(text for _, text in texts), recorder]  # the text files first
+
+    @property
+    def texts(self) -> list[str]:
+        """Paths of the text files, which hold the same as the file until it is complete."""
+        return [str(path) for path, _ in self._texts]
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far to the file itself."""
+        return self._recorder.written
+
+    def begin(self, epoch_ns: int) -> None:
+        """Begin all files with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        for each in self._all:
+            each.begin(epoch_ns)
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows (n, ROW_WIDTH) to all files."""
+        for each in self._all:
+            each.write_rows(rows)
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED to all files."""
+        for each in self._all:
+            each.write_frames(frames)
+
+    def write_mark(self, time_s: float, text: str) -> None:
+        """Write a mark at a time [s] to all files."""
+        for each in self._all:
+            each.write_mark(time_s, text)
+
+    def flush(self) -> None:
+        """Flush all files."""
+        for each in self._all:
+            each.flush()
+
+    def close(self) -> None:
+        """Complete the file and delete the text files. Raises RecordingError, which names them, if that fails."""
+        try:
+            self._recorder.close()
+        except Exception as error:
+            for _, text in self._texts:
+                text.close()
+            if not self._texts:
+                raise
+            reason = why(error) if isinstance(error, OSError) else str(error)
+            raise RecordingError(f"{reason}; the data recorded so far is in {' and '.join(self.texts)}") from error
+        if self._signed is not None:
+            sign(self._signed)
+        for path, text in self._texts:
+            text.close()
+            path.unlink()
+
+    def leave(self) -> None:
+        """Close all files after an error, and keep the text files."""
+        for each in self._all:
+            try:
+                each.close()
+            except Exception:  # the error that came before has been reported
+                continue

@@ -1,8 +1,9 @@
-"""File formats: one table of suffixes, with what a file of each format holds and who reads and writes it."""
+"""File formats: one table of suffixes, with what a file of each format holds, who reads it and who writes it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,6 +14,14 @@ if TYPE_CHECKING:
     from liftgate_hil.formats.content import Content
     from liftgate_hil.formats.recording import Recording
     from liftgate_hil.formats.writer import Writer
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limit of a recording's files."""
+
+    size: int  # bytes
+    keep: int | None = None  # number of files that are kept, the latest ones; None: all
 
 
 class Format(NamedTuple):
@@ -39,62 +48,32 @@ def _lazily(module: str, name: str) -> Callable[..., Any]:
     return call
 
 
+def _form(file: str, read: str, write: str, **holds: Any) -> Format:
+    """Return a format that a module of this package reads and writes, with what a file of it holds."""
+    return Format(_lazily(file, read), _lazily(file, write), **holds)
+
+
 _CSV = _lazily("csv_file", "open_csv")
+_BOTH = {"has_rows": True, "has_frames": True, "holds_about": True, "holds_marks": True}
 FORMATS: Mapping[str, Format] = {
     ".csv": Format(_CSV, _lazily("csv_writer", "CsvWriter"), has_rows=True, is_text=True),
     ".tsv": Format(_CSV, has_rows=True),
     ".txt": Format(_CSV, has_rows=True),
-    ".parquet": Format(
-        _lazily("parquet_file", "open_parquet"),
-        _lazily("parquet_file", "ParquetTableWriter"),
+    ".parquet": _form(
+        "parquet_file",
+        "open_parquet",
+        "ParquetTableWriter",
         has_rows=True,
         holds_about=True,
         module="pyarrow",
         extra="parquet",
     ),
-    ".mf4": Format(
-        _lazily("mf4_file", "open_mf4"),
-        _lazily("mf4_file", "Mf4Writer"),
-        has_rows=True,
-        has_frames=True,
-        holds_about=True,
-        holds_marks=True,
-        module="asammdf",
-        extra="mf4",
-    ),
-    ".mcap": Format(
-        _lazily("mcap_file", "open_mcap"),
-        _lazily("mcap_writer", "McapWriter"),
-        has_rows=True,
-        has_frames=True,
-        holds_about=True,
-        holds_marks=True,
-        module="mcap",
-        extra="mcap",
-    ),
-    ".log": Format(
-        _lazily("candump_file", "open_candump"),
-        _lazily("candump_file", "CandumpWriter"),
-        has_frames=True,
-        is_text=True,
-    ),
-    ".asc": Format(
-        _lazily("asc_file", "open_asc"),
-        _lazily("asc_file", "AscWriter"),
-        has_frames=True,
-        has_comments=True,
-        holds_marks=True,
-    ),
-    ".blf": Format(
-        _lazily("blf_file", "open_blf"), _lazily("blf_file", "BlfWriter"), has_frames=True, holds_marks=True
-    ),
-    ".trc": Format(
-        _lazily("trc_file", "open_trc"),
-        _lazily("trc_file", "TrcWriter"),
-        has_frames=True,
-        has_comments=True,
-        holds_marks=True,
-    ),
+    ".mf4": _form("mf4_file", "open_mf4", "Mf4Writer", module="asammdf", extra="mf4", **_BOTH),
+    ".mcap": _form("mcap_file", "open_mcap", "McapWriter", module="mcap", extra="mcap", **_BOTH),
+    ".log": _form("candump_file", "open_candump", "CandumpWriter", has_frames=True, is_text=True),
+    ".asc": _form("asc_file", "open_asc", "AscWriter", has_frames=True, has_comments=True, holds_marks=True),
+    ".blf": _form("blf_file", "open_blf", "BlfWriter", has_frames=True, holds_marks=True),
+    ".trc": _form("trc_file", "open_trc", "TrcWriter", has_frames=True, has_comments=True, holds_marks=True),
 }
 RECORDED = tuple(suffix for suffix, each in FORMATS.items() if each.write)
 TABLES = tuple(suffix for suffix in RECORDED if FORMATS[suffix].has_rows)

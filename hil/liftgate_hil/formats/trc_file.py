@@ -14,11 +14,20 @@ from typing import Any, BinaryIO
 from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, LENGTHS, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
-from liftgate_hil.formats.bus_log import BUS_ERROR, BusLog, Fields, bus_of, is_length, length_of_code, log_of
+from liftgate_hil.formats.bus_log import (
+    BUS_ERROR,
+    BusLog,
+    Fields,
+    LogLines,
+    NotUnderstoodError,
+    bus_of,
+    checked_identifier,
+    length_of_code,
+    lines_in,
+    log_of,
+)
 from liftgate_hil.formats.content import Content, lines_about
 from liftgate_hil.formats.local_time import as_days, local_of, of_days, stated_in
-from liftgate_hil.formats.log_lines import LogLines, NotUnderstoodError
-from liftgate_hil.formats.text_blocks import lines_in
 from liftgate_hil.formats.writer import StreamWriter
 
 # Message types of version 2: data, CAN FD with and without BRS and ESI, remote.
@@ -222,12 +231,10 @@ class _Lines(LogLines):
         return round(float(time) * 1000) * 1000, ERROR | BUS_ERROR, 0, False, b""
 
     def _fields(self, time: str, way: str, identifier: int, length: int, words: Sequence[str]) -> Fields:
-        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
-        data = bytes.fromhex("".join(words))
-        is_whole = bool(identifier & REMOTE) or len(data) == length
-        if way not in ("rx", "tx") or not is_whole or not is_length(length, identifier):
+        if way not in ("rx", "tx"):
             raise NotUnderstoodError
-        return round(float(time) * 1000) * 1000, identifier, length, way == "tx", data
+        data = bytes.fromhex("".join(words))
+        return self.checked(round(float(time) * 1000) * 1000, identifier, length, way == "tx", data)
 
 
 _READERS: dict[str, Read] = {
@@ -242,11 +249,7 @@ _READERS: dict[str, Read] = {
 
 def _identifier(name: str) -> int:
     """Return the identifier of hexadecimal digits: four of a base frame, eight of an extended one."""
-    number = int(name, 16)
-    is_extended = len(name) > 4
-    if number >= 1 << (29 if is_extended else 11):
-        raise NotUnderstoodError
-    return number | (EXTENDED if is_extended else 0)
+    return checked_identifier(int(name, 16), len(name) > 4)
 
 
 def _bus(word: str) -> str:

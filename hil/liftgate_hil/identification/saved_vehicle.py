@@ -10,8 +10,7 @@ from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import read_toml
 from liftgate_hil.config.variant import settings_for
-from liftgate_hil.config.vehicle import vehicle_of
-from liftgate_hil.config.vehicle_file import vehicle_text
+from liftgate_hil.config.vehicle import vehicle_of, vehicle_text
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import files_of
 from liftgate_hil.identification.request import IdentifyRequest

@@ -33,8 +33,8 @@ from typing import Any, NamedTuple
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
-from liftgate_hil.formats.limit import Limit
 from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.suffixes import Limit
 from liftgate_hil.isolate.children import in_memory, keep_nice_value
 from liftgate_hil.isolate.ring_recorder import RingPlace, RingRecorder, place_in
 from liftgate_hil.loop.rings import Memory

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, compiled
-from liftgate_hil.codec.e2e import check_state
+from liftgate_hil.codec import check_state
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
 from liftgate_hil.codec.receive import (
     NO_COUNTS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from liftgate_hil.config.arguments import number_of
+from liftgate_hil.config.described import number_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import OBSTACLE, PROFILES

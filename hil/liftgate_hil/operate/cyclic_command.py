@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.codec.transmit import encode
-from liftgate_hil.config.arguments import number_of
-from liftgate_hil.config.enumerations import missing_values
+from liftgate_hil.config.described import number_of
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.signal_mapping import missing_values
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu.reference import EcuConfig, message_rows
 from liftgate_hil.errors import ConfigError

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.after_the_end import begins
 from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.scenario import Scenario, begins
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.ecu.find import check_ecu

@@ -14,12 +14,17 @@ from typing import Annotated, Any
 from liftgate_hil.config.described import Field, Record, value_of
 from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Text, Texts, Whole, listed
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import SCENARIO, AnyScenario, OwnRig, SetupChoice, VehicleChoice
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import (
+    SCENARIO,
+    AnyScenario,
+    OwnRig,
+    SetupChoice,
+    VehicleChoice,
+    WireChoice,
+)
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, ConfigIssues
-from liftgate_hil.formats.limit import Limit
-from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY
+from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY, Limit
 
 NS = 1_000_000_000
 RATE = Number(200.0, 10_000.0, "Hz")

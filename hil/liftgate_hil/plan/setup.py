@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from liftgate_hil.config.arguments import seed_of
-from liftgate_hil.config.described import value_of
+from liftgate_hil.config.described import seed_of, value_of
 from liftgate_hil.config.kinds import NumbersByName
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, ScenarioFile, load_scenario, no_scenario

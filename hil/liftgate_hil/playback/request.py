@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Whole
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES

@@ -18,8 +18,8 @@ from liftgate_hil.config.vehicle_choice import (
     OwnVehicle,
     ParametersChoice,
     VehicleSettings,
+    WireChoice,
 )
-from liftgate_hil.config.wire_choice import WireChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError

@@ -79,60 +79,51 @@ class CanTransport:
                 self._recv = lambda timeout: bus._recv_internal(timeout)[0]
             else:
                 self._recv = bus.recv
-            wire = _socket_of(bus)
-            if wire is not None:
+            # python-can reads udp_multicast and socketcan from a socket.
+            wire = getattr(getattr(bus, "_multicast", None), "_socket", None) or getattr(bus, "socket", None)
+            self._drops = None
+            if isinstance(wire, socket.socket):
                 enlarge(wire)
-            self._drops = None if wire is None else DropCounter(wire)
+                self._drops = DropCounter(wire)
         except Exception as error:  # drivers may raise anything
             why = "; ".join(dict.fromkeys([words_of(error), *(" ".join(each.split()) for each in said)]))
             raise TransportError(f"{self._interface}:{self.name}: cannot be opened: {why}") from error
         return bus
 
     def _reopen(self, timeout: float) -> None:
-        """Try to reopen a lost bus, at most every _RETRY [s]; else sleep for up to `timeout` [s].
-
-        Frames that a reopened bus had held back are dropped and counted.
-        """
+        """Try to reopen a lost bus every _RETRY [s], and drop what waits; else sleep up to `timeout` [s]."""
         now = time.monotonic()
         if now >= self._retry:
             self._retry = now + _RETRY
             with contextlib.suppress(TransportError):
                 self._bus = self._open()
                 self.is_up = True
-                self._drop_what_waits()
+                self._count("before_start", drained(self)[0])
                 return
         time.sleep(min(timeout, _RETRY))
-
-    def _drop_what_waits(self) -> None:
-        """Drop and count the frames that a bus had held back when it was reopened."""
-        count, _ = drained(self)
-        before = self._receiving.before_start
-        self._receiving = self._receiving._replace(before_start=before + count)
 
     def _fail(self, error: Exception) -> None:
         """Count a failure to receive; an OSError, or many errors in a row, means that the bus is lost."""
         self._note_drops()
-        counts = self._receiving
-        self._receiving = counts._replace(receive_failures=counts.receive_failures + 1)
+        self._count("receive_failures")
         self._failures += 1
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError) and self._failures < _LOST:
             return
         self.is_up = False
-        self._receiving = self._receiving._replace(losses=counts.losses + 1)
+        self._count("losses")
         with contextlib.suppress(Exception):  # drivers may raise anything if the hardware is gone
             self._bus.shutdown()
 
-    def _count(self, name: str) -> None:
-        """Count a received message that cannot be used, in the field `name` of LinkCounts."""
+    def _count(self, name: str, count: int = 1) -> None:
+        """Add to a count of what was received, the field `name` of LinkCounts."""
         counts = self._receiving
-        self._receiving = counts._replace(**{name: getattr(counts, name) + 1})
+        self._receiving = counts._replace(**{name: getattr(counts, name) + count})
 
     def _note_drops(self) -> None:
         """Count the frames that the kernel has dropped since the last look."""
-        dropped = 0 if self._drops is None else self._drops.take()
-        if dropped:
-            self._receiving = self._receiving._replace(dropped=self._receiving.dropped + dropped)
+        if self._drops is not None:
+            self._count("dropped", self._drops.take())
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
@@ -202,9 +193,3 @@ class CanTransport:
         if self.is_up:
             with contextlib.suppress(Exception):  # the run is over, so that errors no longer matter
                 self._bus.shutdown()
-
-
-def _socket_of(bus: Any) -> socket.socket | None:
-    """Return the socket that python-can reads a bus from (udp_multicast, socketcan); None: it has none."""
-    wire = getattr(getattr(bus, "_multicast", None), "_socket", None) or getattr(bus, "socket", None)
-    return wire if isinstance(wire, socket.socket) else None

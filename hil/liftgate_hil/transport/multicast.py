@@ -151,11 +151,7 @@ def unpacked(data: bytes, timestamp: float) -> can.Message:
 
 
 def _is_of_this_machine(sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    """Whether a sender's address is one of this machine, by asking the kernel.
-
-    The kernel reaches an address of its own from that very address, and accepts no packet from outside that
-    pretends to have one.
-    """
+    """Whether a sender is this machine: from outside the kernel accepts no packet with its own address."""
     address = ipaddress.ip_address(sender[0])
     if address.is_loopback:
         return True
@@ -171,11 +167,7 @@ def _is_of_this_machine(sender: tuple[Any, ...], group: ipaddress.IPv4Address | 
 
 
 def _hear_one_group(wire: socket.socket) -> None:
-    """Restrict a socket to the group that it has joined.
-
-    Linux passes to a socket what is sent to any group that any process on this machine has joined: two benches on
-    one machine would hear each other.
-    """
+    """Restrict a socket to its group: Linux passes it what is sent to any group that a process here has joined."""
     with contextlib.suppress(OSError):  # another system, which has no such option
         if wire.family == socket.AF_INET6:
             wire.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)

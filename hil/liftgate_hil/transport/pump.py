@@ -121,10 +121,7 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """Return the next datagram of the loop, empty at the end, and report to the loop how long it has waited.
-
-        The wait is that for this thread, without the time that the driver took for the frames before.
-        """
+        """Return the loop's next datagram, b"" at the end; tell it the wait for this thread, not the driver."""
         try:
             datagram, ancillary, _, _ = self._ours.recvmsg(_ROW.size, _ANCILLARY)
         except OSError:  # closed while the driver blocked this thread

@@ -212,10 +212,7 @@ class SocketCan:
         self._socket.close()
 
     def _enter(self, state: str) -> None:
-        """Enter a state of the interface.
-
-        A controller that is bus-off stays so here, whether it loses its carrier, too, or is still up.
-        """
+        """Enter a state of the interface; a controller that is bus-off stays so, with its carrier or without."""
         if self._state == BUS_OFF and state in (UP, STOPPED):
             return
         if self._state == UP and state != UP:

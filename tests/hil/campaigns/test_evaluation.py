@@ -15,11 +15,11 @@ from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import Space
 from liftgate_hil.campaigns.vehicles import Vehicles
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.variant import AS_FILED
 from liftgate_hil.config.vehicle import read_vehicle
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_hil.drive import start
 from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import run

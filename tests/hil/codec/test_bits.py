@@ -23,8 +23,7 @@ from liftgate_hil.codec.bits import (
     read_number,
     write_number,
 )
-from liftgate_hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum
-from liftgate_hil.codec.crc import crc8_byte
+from liftgate_hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum, crc8_byte
 from liftgate_hil.codec.frames import LENGTHS
 from liftgate_hil.codec.tables import MESSAGE
 

@@ -29,7 +29,7 @@ from hypothesis import strategies as st
 from liftgate_compiler import compiled
 from liftgate_compiler.kinds import kind_of, text_of
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
-from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VALID
+from liftgate_hil.codec.check_state import INIT, INVALID, NODATA, STATE, VALID
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig

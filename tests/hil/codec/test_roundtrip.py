@@ -16,9 +16,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from liftgate_compiler import compiled
-from liftgate_hil.codec.bus_config import SignalMapping, raw_range
+from liftgate_hil.codec.bus_config import SignalMapping, pages_of, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
-from liftgate_hil.codec.multiplexing import pages_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig

@@ -11,11 +11,10 @@ import pytest
 from liftgate_hil.campaigns.file import read_campaign_file
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.config.database import KINDS
-from liftgate_hil.config.file_kinds import MARKS
 from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import NO_TOML, read_toml
+from liftgate_hil.config.toml import MARKS, NO_TOML, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import RECORDED

@@ -14,9 +14,9 @@ from scipy import stats
 
 from liftgate_hil import Gate, errors, load_vehicle
 from liftgate_hil.cli.main import main
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.variant import IDEAL
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_plant.bridge import Bridge
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.transmission import Friction

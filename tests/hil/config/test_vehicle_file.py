@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES
 from liftgate_hil.config.settings import settings_of
-from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.config.vehicle_file import vehicle_text
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
+from liftgate_hil.config.vehicle import load_vehicle, vehicle_text
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle, plant_of

@@ -22,7 +22,7 @@ from liftgate_hil.codec.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, log
 from liftgate_hil.conversion.convert import convert, converted
 from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats import bus_log, csv_file, csv_text, mcap_writer, mf4_file, mf4_reader, parquet_file
+from liftgate_hil.formats import bus_log, csv_file, csv_writer, mcap_file, mf4_file, mf4_reader, parquet_file
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_recording, open_writer
 from liftgate_hil.formats.suffixes import FORMATS, RECORDED, TABLES, WITH_MARKS
@@ -44,8 +44,8 @@ EDGES = [0.0, -0.0, 1.0 / 3.0, 5e-324, -1.7976931348623157e308, 1e22, 0.1 + 0.2,
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Formats that write and read little at a time, so that a short recording has several blocks in each."""
     for module, name, size in (
-        (csv_file, "_BLOCK", 1 << 16), (csv_text, "_BLOCK", 100),
-        (mcap_writer, "_ROWS", 100), (mcap_writer, "_CHUNK", 1 << 16),
+        (csv_file, "_BLOCK", 1 << 16), (csv_writer, "_BLOCK", 100),
+        (mcap_file, "_ROWS", 100), (mcap_file, "_CHUNK", 1 << 16),
         (mf4_file, "_ROWS", 200), (mf4_file, "_FRAMES", 200), (mf4_reader, "_BLOCK", 200),
         (parquet_file, "_GROUP", 200), (parquet_file, "_ROWS", 200),
         (bus_log, "_BLOCK", 200),

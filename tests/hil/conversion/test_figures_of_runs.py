@@ -14,9 +14,10 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.conversion import plot
-from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
 from liftgate_hil.conversion.figures.pinch import contact_of
 from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject, taken
+from liftgate_hil.conversion.plot import drawn
+from liftgate_hil.conversion.request import FIGURES
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.setup import vehicle_from

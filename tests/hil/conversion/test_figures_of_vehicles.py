@@ -14,8 +14,9 @@ from test_figures_of_runs import curve, curves_differ_without_colour, legend_hid
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.conversion.figures import static
-from liftgate_hil.conversion.figures.catalogue import FIGURES, drawn
 from liftgate_hil.conversion.figures.subject import FigureSubject
+from liftgate_hil.conversion.plot import drawn
+from liftgate_hil.conversion.request import FIGURES
 from liftgate_hil.conversion.sheet import write_picture
 from liftgate_hil.conversion.table import open_table
 from liftgate_hil.errors import ConfigError

@@ -17,9 +17,9 @@ from recording_support import rows_from
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
-from liftgate_hil.conversion import picture
-from liftgate_hil.conversion.figures.catalogue import drawn
+from liftgate_hil.conversion.figures import columns as picture
 from liftgate_hil.conversion.figures.subject import FigureSubject
+from liftgate_hil.conversion.plot import drawn
 from liftgate_hil.conversion.table import Window, columns_in, open_table, open_whole
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from recording_support import BOTH, EPOCH_NS, rows_from, sent
 
 from liftgate_hil.codec.frames import no_logged
-from liftgate_hil.formats import mcap_writer
+from liftgate_hil.formats import mcap_file
 from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.mcap_file import McapWriter
 from liftgate_hil.formats.mcap_layout import topics_of
-from liftgate_hil.formats.mcap_writer import McapWriter
 from liftgate_hil.signals import COLUMNS, columns_of
 from liftgate_plant.signals import Signal
 
@@ -132,7 +132,7 @@ def test_after_a_kill_all_full_chunks_can_be_read(tmp_path: Path) -> None:
     texts = [[each.data for each in records if type(each).__name__ == "Message"] for records in (left, whole)]
     assert texts[0] == texts[1][: len(texts[0])]
     assert len(texts[1]) == len(topics_of(columns_of(2))) * len(rows) + 6
-    assert 0 < sum(map(len, texts[1][len(texts[0]) :])) < mcap_writer._CHUNK
+    assert 0 < sum(map(len, texts[1][len(texts[0]) :])) < mcap_file._CHUNK
 
 
 def streamed(path: Path) -> list[Any]:
@@ -172,7 +172,7 @@ def test_what_waits_counts_as_written(tmp_path: Path) -> None:
     assert texts > 100 * len(columns_of(2))
     recorder.write_rows(rows_from(100, 3000))
     recorder.flush()
-    assert 0 < recorder.written - path.stat().st_size <= mcap_writer._CHUNK
+    assert 0 < recorder.written - path.stat().st_size <= mcap_file._CHUNK
     written = recorder.written
     recorder.close()
     assert path.stat().st_size <= written

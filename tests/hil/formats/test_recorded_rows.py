@@ -19,7 +19,7 @@ from recording_support import BOTH, ROW, read_csv, recorded_rows, rows_from, tab
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.formats.content import Content
-from liftgate_hil.formats.csv_text import CsvText, put_lines
+from liftgate_hil.formats.csv_writer import CsvText, put_lines
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.suffixes import TABLES
 from liftgate_hil.loop.tick import tick

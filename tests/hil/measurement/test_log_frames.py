@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measurement_files import write_log
 
-from liftgate_hil.formats import candump_file, text_blocks
+from liftgate_hil.formats import bus_log, candump_file
 from liftgate_hil.measurement.log_frames import LogFrames, read_frames
 from liftgate_hil.measurement.measurement import OUTPUTS
 from liftgate_hil.measurement.read import read_measurement
@@ -63,8 +63,8 @@ def test_a_block_may_end_within_a_line(tmp_path: Path, monkeypatch: pytest.Monke
     assert whole.frames.count == 50
     assert whole.silences[0] == (0.0, 0.2)
     assert len(whole.silences) == 49
-    monkeypatch.setattr(text_blocks, "_FIRST", 37)
-    monkeypatch.setattr(text_blocks, "_BLOCK", 41)
+    monkeypatch.setattr(bus_log, "_FIRST_BYTES", 37)
+    monkeypatch.setattr(bus_log, "_BLOCK_BYTES", 41)
     same(read_frames(path, NAMES, shipped_rig()), whole)
 
 

@@ -21,12 +21,12 @@ from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.can_arguments import bus_arguments, parse_bus
 from liftgate_hil.transport.can_bus import CAPACITY, CanTransport
+from liftgate_hil.transport.find import bus_arguments, parse_bus
 from liftgate_hil.transport.messages import message_of
 from liftgate_hil.transport.socketcan import SocketCan
 

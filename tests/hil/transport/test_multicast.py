@@ -18,14 +18,13 @@ from hil_support import EXTENDED, frames_of, rows_of
 
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.wire_choice import WireChoice
+from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.datagrams import CAPACITY, SocketReading, make_buffers, read_frames
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.can_arguments import bus_arguments
 from liftgate_hil.transport.can_bus import CanTransport
-from liftgate_hil.transport.find import find_way
+from liftgate_hil.transport.find import bus_arguments, find_way
 from liftgate_hil.transport.pump import Pump
 
 GOOD = can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok")

@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database import database_file, load_messages
 from liftgate_hil.config.drafting.candidates import SignalCandidate, find_candidates
-from liftgate_hil.config.drafting.j1939 import notes_on_j1939
-from liftgate_hil.config.drafting.lines import DraftLine, line_for, quoted
-from liftgate_hil.config.drafting.protections import checksums_of, open_counters_of, protection_lines
+from liftgate_hil.config.drafting.lines import (
+    DraftLine,
+    line_for,
+    open_counters_of,
+    protection_lines,
+    protections_of,
+    quoted,
+)
 from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.rig import rig_of_content
+from liftgate_hil.config.signal_name import notes_on_j1939
 from liftgate_hil.errors import ConfigIssues, printable
 from liftgate_hil.signals import PANEL
 
@@ -72,7 +78,7 @@ def draft_rig(database: str | Path, target: Path) -> Draft:
     mapped = [f"{line.section}.{line.quantity}" for line in _all(lines) if line.is_sure]
     waiting = {f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure}
     for name in dict.fromkeys(line.message.name for line in _all(lines) if line.is_sure):
-        for signal in checksums_of(messages[name]):
+        for signal in protections_of(messages[name], "checksum"):
             reason = f"{signal.name}: the database does not say which; without it wrong frames are accepted"
             waiting[f"messages.{name}.checksum"] = reason
         for signal in open_counters_of(messages[name]):

@@ -1,1 +1,1 @@
-"""The figures of `plot`, a file each: `draw(subject)` of it returns the figure. `catalogue.py` is their table."""
+"""The figures of `plot`, a file each: `draw(subject)` of it returns the figure. `request.FIGURES` lists them."""

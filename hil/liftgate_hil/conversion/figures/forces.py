@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
-from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import finish, legend_above, sheet
 from liftgate_hil.conversion.table import Floats
-from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, PURPLE, SKY, new_figure, style
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, PURPLE, SKY
 from liftgate_plant import friction, gate, statics
 from liftgate_plant.statics import CLOSING, OPENING, Balance, Rest, SteadyTurning
 
@@ -39,10 +38,7 @@ def draw(subject: FigureSubject) -> Drawn:
     near = _near_closed(rest, travel)
     stalled, rated = statics.turning(rest, 1.0), statics.most_efficient(rest)
     caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest, stalled, rated)}"
-    with style():
-        settings()
-        figure = new_figure(8.6, WIDTH)
-        figure.suptitle(clean(subject.title, 90) + "\n", fontsize=FONT + 2.0)
+    with sheet(8.6, subject.title, is_spaced=True) as figure:
         spans = [near, travel] if near else [travel]
         grid: Any = figure.subplots(
             2, len(spans), sharex="col", sharey="row", squeeze=False,

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, complete, taken
-from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import FONT, finish, legend_above, sheet
 from liftgate_hil.conversion.table import Floats
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.drawing import FINAL, INITIAL, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,10 +35,7 @@ def draw(subject: FigureSubject) -> Drawn:
     columns = _thinned(columns)
     times, angles, rates = (columns[name] for name in ("time_s", *_NEEDED))
     caption = f"{_CAPTION} {remark}".strip()
-    with style():
-        settings()
-        figure = new_figure(7.0, WIDTH)
-        figure.suptitle(clean(subject.title, 90), fontsize=FONT + 2.0)
+    with sheet(7.0, subject.title) as figure:
         axis = figure.subplots()
         axis.axhline(0.0, color=INK, linewidth=0.8, zorder=1)
         _draw_part(axis, angles, rates, rates > 0.0, "opening", FINAL, "-")
@@ -53,10 +49,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def _thinned(columns: Columns) -> Columns:
-    """Return at most _MOST rows, at equal distances along the path.
-
-    At equal times a gate at rest would have most of them.
-    """
+    """Return at most _MOST rows, at equal distances along the path: at rest there are most of them."""
     angles, rates = (columns[name] for name in _NEEDED)
     if len(angles) <= _MOST:
         return columns

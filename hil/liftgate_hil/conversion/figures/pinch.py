@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, complete, taken
-from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import FONT, finish, legend_above, sheet
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.report.drawing import INITIAL, INK, new_figure, style
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.drawing import INITIAL, INK
 from liftgate_hil.report.pinch import PinchEvent, pinch_event
 from liftgate_hil.report.run_plot import (
     FORCE,
@@ -44,10 +43,7 @@ def draw(subject: FigureSubject) -> Drawn:
         "regulation gives one for power lift gates (UN R21 has 100 N for windows). Impulse and time over the "
         f"limit are those of this contact, from its rows. {remark}"
     ).strip()
-    with style():
-        settings()
-        figure = new_figure(8.2, WIDTH)
-        figure.suptitle(clean(subject.title, 90), fontsize=FONT + 2.0)
+    with sheet(8.2, subject.title) as figure:
         force, angle, current = figure.subplots(3, 1, sharex=True, height_ratios=(1.8, 1.0, 1.0))
         _draw_force(force, picture, event, contact, limit)
         draw_angle(angle, picture)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
-from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
+from liftgate_hil.conversion.sheet import FONT, finish, legend_above, sheet
 from liftgate_hil.conversion.table import Floats
-from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MEASURED, new_figure, style
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.drawing import FINAL, INITIAL, INK, MEASURED
 from liftgate_plant import gate, statics
 from liftgate_plant.statics import Rest, StaticMap
 
@@ -40,10 +39,7 @@ def draw(subject: FigureSubject) -> Drawn:
     rest = statics.rest_of(subject.car())
     found = map_of(rest)
     caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest)}"
-    with style():
-        settings()
-        figure = new_figure(8.8, WIDTH)
-        figure.suptitle(clean(subject.title, 90), fontsize=FONT + 2.0)
+    with sheet(8.8, subject.title) as figure:
         alone, driven = figure.subplots(2, 1, sharex=True)
         slopes = np.degrees(found.slopes)
         _draw_areas(alone, slopes, np.degrees(found.angles), (found.opens, found.closes), _ALONE, (1, 2, 0, 0))

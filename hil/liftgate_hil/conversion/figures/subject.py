@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.conversion.ours import OUTPUT_OF, mappings_of, ours_in
-from liftgate_hil.conversion.table import Floats, Window, columns_in
+from liftgate_hil.conversion.table import OUTPUT_OF, Floats, Window, columns_in, mappings_of, ours_in
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import Recording
 from liftgate_hil.signals import SENSED_PREFIX

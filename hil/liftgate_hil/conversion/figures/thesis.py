@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.conversion.figures.subject import Columns, Drawn, FigureSubject, taken
-from liftgate_hil.conversion.sheet import FONT, WIDTH, finish, legend_above, settings
-from liftgate_hil.report.drawing import DRIVES, GRID, INK, MARK, MEASURED, line, new_figure, style
-from liftgate_hil.report.numbers import clean
+from liftgate_hil.conversion.sheet import finish, legend_above, sheet
+from liftgate_hil.report.drawing import DRIVES, GRID, INK, MARK, MEASURED, line
 from liftgate_hil.report.run_plot import hall_speed
 
 if TYPE_CHECKING:
@@ -41,10 +40,7 @@ def draw(subject: FigureSubject) -> Drawn:
     }
     columns = {**columns, **speeds}
     caption = f"{_CAPTION} {remark}".strip()
-    with style():
-        settings()
-        figure = new_figure(11.0, WIDTH)
-        figure.suptitle(clean(subject.title, 90), fontsize=FONT + 2.0)
+    with sheet(11.0, subject.title) as figure:
         axes = figure.subplots(5, 1, sharex=True, height_ratios=(1.7, 1.0, 1.0, 1.0, 1.0))
         electric, speed, position, angle, force = axes
         _draw_electric(electric, columns)

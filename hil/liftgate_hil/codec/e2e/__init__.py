@@ -1,1 +1,0 @@
-"""AUTOSAR end-to-end (E2E) protection."""
