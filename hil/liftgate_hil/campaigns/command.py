@@ -1,13 +1,16 @@
-"""Campaign from its request, or the parts of a campaign file: `liftgate_hil.campaign`."""
+"""Campaign from its request, or the parts of a campaign file, with one report: `liftgate_hil.campaign`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
-from liftgate_hil.campaigns.file import is_campaign_file, read_campaign_file
-from liftgate_hil.campaigns.parts import is_complete, run_parts
+from liftgate_hil.campaigns.file import CampaignFile, NamedCampaign, is_campaign_file, read_campaign_file
+from liftgate_hil.campaigns.folder import REPORT, Folder
+from liftgate_hil.campaigns.prepared import inputs_of, prepared, units_of
+from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import arrow
 from liftgate_hil.campaigns.run import (
@@ -16,11 +19,76 @@ from liftgate_hil.campaigns.run import (
     CampaignOutcome,
     CampaignPlaces,
     CampaignWatcher,
+    choice_of,
     run_campaign,
 )
 from liftgate_hil.config.described import command
 from liftgate_hil.described_result import DescribedResult, Shown
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance, provenance_of
+
+
+class PartOutcome(NamedTuple):
+    """A part of a campaign file, and its outcome."""
+
+    part: NamedCampaign
+    outcome: CampaignOutcome
+
+
+def run_parts(
+    file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
+) -> list[PartOutcome]:
+    """Run the parts of a campaign file, and write the report of all.
+
+    After a stop the last outcome is not complete, and there are no later ones. Raises as `run_campaign`.
+    """
+    folder = Folder(places.output)
+    if folder.has_campaign:
+        raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder")
+    inputs = [file.path]
+    for part in file.parts:  # all, before the first has run for hours
+        inputs += inputs_of(prepared(part.request))
+    folder.create()
+    found: list[PartOutcome] = []
+    with folder.claimed():
+        folder.make_way([REPORT], inputs, watcher.say)
+        for part in file.parts:
+            own = Folder(places.output / part.name)
+            # A part that has not begun yet begins; the others go on.
+            is_resumed = places.is_resumed and own.has_campaign
+            there = replace(places, output=own.path, is_resumed=is_resumed)
+            if places.store:
+                there = replace(there, store=f"{places.store.rstrip('/')}/{part.name}")
+            found.append(PartOutcome(part, run_campaign(part.request, there, provenance, watcher)))
+            if not found[-1].outcome.is_complete:
+                break
+        results = [_result_of(each) for each in found if each.outcome.summary is not None]
+        if results:
+            is_whole = len(found) == len(file.parts)
+            ecu = str(file.parts[0].request.ecu)  # the flag applies to all parts
+            html = combined_report(file.title, file.description, results, provenance, is_whole, ecu)
+            folder.write(REPORT, html.encode())
+        folder.tidy()
+    return found
+
+
+def _result_of(found: PartOutcome) -> PartResult:
+    outcome = found.outcome
+    assert outcome.summary is not None
+    return PartResult(
+        found.part.title,
+        outcome.summary,
+        units_of(outcome.prepared),
+        str(outcome.folder.path),
+        outcome.prepared.plan.setup.scenario.description,
+        outcome.is_complete,
+        choice_of(outcome.prepared),
+    )
+
+
+def is_complete(found: Sequence[PartOutcome], file: CampaignFile) -> bool:
+    """Whether all parts of a file are complete."""
+    return len(found) == len(file.parts) and all(each.outcome.is_complete for each in found)
 
 
 # fmt: off

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.campaigns.folder import OWN, Folder
-from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.prepared import differences, prepared
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT
-from liftgate_hil.campaigns.resumption import differences
 from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import ConfigError

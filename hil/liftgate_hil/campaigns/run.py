@@ -15,14 +15,13 @@ from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, Campaign
 from liftgate_hil.campaigns.executors.executor import Executor
 from liftgate_hil.campaigns.executors.local import local_executor
 from liftgate_hil.campaigns.folder import BATCHES, DATA, OWN, REPORT, RESULTS, Folder, data_text
-from liftgate_hil.campaigns.prepared import Prepared, absolute, inputs_of, prepared, units_of
+from liftgate_hil.campaigns.prepared import Pace, Prepared, absolute, inputs_of, pace_before, prepared, units_of
 from liftgate_hil.campaigns.reporting.report import Choice, incomplete, report
 from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import VERDICT
-from liftgate_hil.campaigns.resumption import Pace, pace_before
+from liftgate_hil.campaigns.stages import tried
 from liftgate_hil.campaigns.store import Store
-from liftgate_hil.campaigns.trial import tried
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.force_limits import force_limits_of

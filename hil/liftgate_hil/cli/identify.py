@@ -68,7 +68,7 @@ def _identify(args: argparse.Namespace, teller: Teller) -> None:
 
 def _plan(args: argparse.Namespace, teller: Teller) -> None:
     from liftgate_hil.identification.commands import experiments_for, write_plan
-    from liftgate_hil.identification.reporting.plan import plan_text
+    from liftgate_hil.identification.reporting.text import plan_text
 
     issues = ["`plan`: takes no FILE; allowed: one or the other"] if args.files else []
     issues += [f"`{name}`: not with `plan`" for name in _NOT_PLANNED if getattr(args, name)]

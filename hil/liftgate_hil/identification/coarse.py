@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identification.data import Data
-from liftgate_hil.identification.decimation import Decimation
+from liftgate_hil.identification.data import Data, Decimation
 from liftgate_hil.identification.problem import Problem
 from liftgate_plant.rows import AT
 

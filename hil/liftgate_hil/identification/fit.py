@@ -20,7 +20,6 @@ from liftgate_hil.identification.data_warnings import (
     never_driven,
     offsets_at_rest,
 )
-from liftgate_hil.identification.delays import at_best_delay
 from liftgate_hil.identification.descent import Descent, Report, place_at
 from liftgate_hil.identification.estimates import estimates_of
 from liftgate_hil.identification.fixed_parameters import fixed_parameters
@@ -28,10 +27,9 @@ from liftgate_hil.identification.jitter import jitter_of
 from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.profile import profile
 from liftgate_hil.identification.residuals import Frame, phases_of, series_of, speed_series
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Validation
-from liftgate_hil.identification.search import better, past_kinks, search
+from liftgate_hil.identification.search import at_best_delay, better, past_kinks, profile, search
 from liftgate_hil.identification.statistics import Uncertainty
 from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.identification.valleys import past_dents

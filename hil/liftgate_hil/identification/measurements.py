@@ -1,7 +1,8 @@
-"""Measurements of a request, read, checked and conditioned."""
+"""Measurements of a request, read, checked and conditioned, and the files that it names."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
@@ -13,12 +14,12 @@ from typing import cast
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import read_options
-from liftgate_hil.identification.request import MeasuredRequest
+from liftgate_hil.identification.request import MeasuredRequest, ModelChoice, ValidateRequest
 from liftgate_hil.measurement import checks, condition, quality
-from liftgate_hil.measurement.known_vehicle import angle_of_position, known_of
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.quality import angle_of_position, known_of
+from liftgate_hil.measurement.read import needs_rig, read_measurement
 from liftgate_hil.plan.setup import rig_from
 from liftgate_plant import gate
 from liftgate_plant.rows import surroundings_of
@@ -114,3 +115,20 @@ def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
 def _raise_if_any(issues: list[str]) -> None:
     if issues:
         raise ConfigError(issues)
+
+
+def inputs_of(request: ModelChoice) -> dict[str, Path]:
+    """Return the files that a request names, none of which is written, by purpose."""
+    files: dict[str, Path] = {}
+    measured = files_of(request) if isinstance(request, MeasuredRequest) else ()
+    if isinstance(request, MeasuredRequest):
+        files |= {f"measurement {k}": path for k, path in enumerate(measured, 1)}
+        files |= {f"map {k}": Path(name) for k, name in enumerate(request.maps, 1)}
+    if isinstance(request, ValidateRequest) and isinstance(request.parameters, Path):
+        files["parameters"] = request.parameters
+    with contextlib.suppress(ConfigError):  # reported where it is needed
+        files["vehicle"] = find_config("vehicles", str(request.vehicle))
+        if isinstance(request, MeasuredRequest) and any(needs_rig(path, {}) for path in measured):
+            rig = rig_from(request.rig)
+            files |= {"rig": Path(rig.source), "dbc": rig.database}
+    return files

@@ -14,7 +14,7 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identification.data import DRIVEN, Data, applied_voltage
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import factor_between, fit_percent
-from liftgate_hil.measurement.units import KNOWN
+from liftgate_hil.measurement.mapping import KNOWN
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from liftgate_hil.config.parameters import FreeParameter, with_values
 from liftgate_hil.identification.data import Data, changes_of, is_count, without_end
 from liftgate_hil.identification.initial_condition import InitialCondition, Unknown, beginning_of
-from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
-from liftgate_hil.identification.workers import on_all_cpus
+from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, on_all_cpus, trajectory
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.data import Data, is_count
-from liftgate_hil.identification.decimation import Decimation
+from liftgate_hil.identification.data import Data, Decimation, is_count
 from liftgate_hil.measurement.checks import check
 from liftgate_hil.measurement.measurement import Floats, Measurement
 from liftgate_hil.measurement.quality import GAP, usual_spacing

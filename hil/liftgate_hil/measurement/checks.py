@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from liftgate_hil.errors import number_of
-from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.quality import find_outliers
+from liftgate_hil.measurement.quality import KnownVehicle, find_outliers
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A

@@ -1,9 +1,9 @@
-"""Quality of a measurement: gaps, jitter, outliers."""
+"""Quality of a measurement: gaps, jitter, outliers; what is known of the vehicle to judge it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +12,50 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import number_of
 from liftgate_hil.measurement.condition import noted
-from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
+from liftgate_plant import gate
+from liftgate_plant.vehicle import Vehicle
 
 GAP = 1.5  # times the usual distance of samples, above which a distance is a gap
 HALF_WINDOW = 5  # samples
 _SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal distribution
+
+
+@dataclass(frozen=True)
+class KnownVehicle:
+    """Known properties of the vehicle; None: unknown."""
+
+    supply_voltage: float | None = None  # V
+    stall_current: float | None = None  # A, supply voltage / winding resistance
+    hall_counts: float | None = None  # 1/rev
+    angle_of_position: Callable[[float], float] | None = None  # angle [deg] at a position [rev]
+
+
+def known_of(vehicle: Vehicle) -> KnownVehicle:
+    """Return the properties of a vehicle that its measurements are checked against."""
+    return KnownVehicle(
+        supply_voltage=vehicle.supply.voltage,
+        stall_current=vehicle.supply.voltage / vehicle.left.motor.resistance,
+        hall_counts=vehicle.sensors.hall_counts,
+        angle_of_position=angle_of_position(vehicle),
+    )
+
+
+def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
+    """Return a function from the position [rev] of the left motor to the gate's angle [deg].
+
+    It ignores play and flexibility, and returns NaN for positions that no gate can have.
+    """
+    link = gate.linkage(vehicle.gate)
+    travel = vehicle.left.spindle.lead / vehicle.left.gear.ratio
+
+    def angle(position: float) -> float:
+        try:
+            return math.degrees(gate.angle_of_extension(link, position * travel))
+        except ValueError:
+            return math.nan
+
+    return angle
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from liftgate_hil.formats.open import open_file
 from liftgate_hil.formats.recording import AS_IT_IS, FRAME, ReadOptions
 from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS
-from liftgate_hil.measurement.mapping import ColumnMap
+from liftgate_hil.measurement.mapping import KNOWN, ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.table import read_table
-from liftgate_hil.measurement.units import KNOWN
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig

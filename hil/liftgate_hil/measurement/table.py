@@ -11,9 +11,8 @@ import numpy as np
 from liftgate_hil.config.units import SAME, marked_unit
 from liftgate_hil.errors import ConfigError, allowed_names, printable
 from liftgate_hil.formats.recording import FileColumn, Recording
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
+from liftgate_hil.measurement.mapping import KNOWN, ColumnMap, Theirs, conversion, near_miss, own_column, unit_of
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.units import KNOWN, conversion, near_miss, unit_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
 
 SIDES = ("left", "right")

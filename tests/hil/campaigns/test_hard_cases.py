@@ -17,7 +17,7 @@ from html_page import Page
 from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.file import read_campaign_file
 from liftgate_hil.campaigns.folder import Folder
-from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.prepared import pace_before, prepared
 from liftgate_hil.campaigns.replay import replayed
 from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
 from liftgate_hil.campaigns.reporting.comparison import comparison_of
@@ -25,7 +25,6 @@ from liftgate_hil.campaigns.reporting.heat_map import cells_of
 from liftgate_hil.campaigns.reporting.sensitivity import first_order
 from liftgate_hil.campaigns.reporting.summary import summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.campaigns.resumption import pace_before
 from liftgate_hil.campaigns.space import space_of
 from liftgate_hil.campaigns.store import Store, StoreError
 from liftgate_hil.errors import ConfigError

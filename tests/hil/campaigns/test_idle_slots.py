@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from liftgate_hil.campaigns.executors import idle_slots
-from liftgate_hil.campaigns.executors.idle_slots import IdleSlots
+from liftgate_hil.campaigns.executors import task
+from liftgate_hil.campaigns.executors.task import IdleSlots
 
 
 class Clock:
@@ -17,8 +17,8 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.threads = 0.0, list[Any]()
-        monkeypatch.setattr(idle_slots, "time", SimpleNamespace(monotonic=lambda: self.now, sleep=self._sleep))
-        monkeypatch.setattr(idle_slots, "threading", SimpleNamespace(Lock=threading.Lock, Thread=self._thread))
+        monkeypatch.setattr(task, "time", SimpleNamespace(monotonic=lambda: self.now, sleep=self._sleep))
+        monkeypatch.setattr(task, "threading", SimpleNamespace(Lock=threading.Lock, Thread=self._thread))
 
     def _sleep(self, seconds: float) -> None:
         self.now += seconds

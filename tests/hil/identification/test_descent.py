@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from liftgate_hil.identification.bounded import within
 from liftgate_hil.identification.descent import descend, place_at
+from liftgate_hil.identification.limits import within
 from tests.hil.identification.simulated import TRUTH, measured, true_vehicle
 from tests.hil.identification.test_search import problem
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.campaigns.distributions import clopper_pearson
 from liftgate_hil.campaigns.probability.cells import Cells, between
 from liftgate_hil.campaigns.probability.mixture import Mixture, Sample
 from liftgate_hil.campaigns.probability.population import (
@@ -32,7 +33,6 @@ from liftgate_hil.campaigns.probability.population import (
     populate,
     side_by_side,
 )
-from liftgate_hil.campaigns.share import clopper_pearson
 
 Floats = NDArray[np.float64]
 Cellwise = Sequence[Population]  # a run: one population of each cell

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
 from liftgate_hil.campaigns.folder import replay_line
 from liftgate_hil.campaigns.reporting.heat_map import STYLE as HEAT_STYLE
 from liftgate_hil.campaigns.reporting.heat_map import HeatMapCells, breakable, cells_of, heat_map, label_of
 from liftgate_hil.campaigns.reporting.sensitivity import Index, rest_of
 from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary
 from liftgate_hil.campaigns.results import MARGIN
-from liftgate_hil.campaigns.share import clopper_pearson
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg

@@ -1,14 +1,21 @@
-"""Text output of `identify` and `validate`: aligned tables, at most 110 columns."""
+"""Text output of `identify`, its plan and `validate`: aligned tables, at most 110 columns."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from liftgate_hil.identification.reporting.dependences import dependences, firsts
-from liftgate_hil.identification.reporting.findings import EXCUSES, has_offset, strong_correlations
+from liftgate_hil.identification.design import ExperimentPlan, Ranked
+from liftgate_hil.identification.reporting.findings import (
+    EXCUSES,
+    dependences,
+    firsts,
+    has_offset,
+    strong_correlations,
+)
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import (
     clean,
@@ -57,6 +64,26 @@ def validation_text(result: Validation) -> str:
         _titled("Notes", _bullets(result.notes)),
     ]
     return _joined(sections)
+
+
+def plan_text(plan: ExperimentPlan) -> str:
+    """Return the candidates, best first, and the order in which to combine them, as text."""
+    heads = ["experiment", "log10 det", *(f"{name} ±" for name in plan.names)]
+    align = "l" + "r" * (len(heads) - 1)
+    lines = ["Experiments, the most informative first (expected standard deviations)", ""]
+    lines += table(heads, [_ranked(each) for each in plan.ranked], align)
+    lines += ["", "Best sequence, each experiment together with all before it", ""]
+    lines += table(heads, [_ranked(each) for each in plan.order], align)
+    return "\n".join(lines)
+
+
+def _ranked(each: Ranked) -> list[str]:
+    criterion = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
+    stds = [
+        "not identifiable" if math.isinf(std) else f"{significant(100.0 * float(std), 2)} %"
+        for std in each.relative_std
+    ]
+    return [each.candidate.name, criterion, *stds]
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
