@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from liftgate_hil.identification.data import Data, first_sample, is_count, is_driven
+from liftgate_hil.identification.data import Data, Floats, first_sample, is_count, is_driven
 from liftgate_hil.identification.initial_condition import motion
 from liftgate_hil.identification.problem import LONGEST_DELAY, Problem
 from liftgate_hil.identification.statistics import mean_std, rounding_step
@@ -16,8 +15,6 @@ from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.measurement.quality import GAP, usual_spacing
 from liftgate_plant import gate
 from liftgate_plant.vehicle import Vehicle, plant_of
-
-Floats = NDArray[np.float64]
 
 _LONG_GAP_S = 0.2  # in which a voltage may have changed, and a motor settles
 _FEWEST = 10  # samples before the first voltage

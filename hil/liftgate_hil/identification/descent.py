@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.limits import step_within_limits
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import normal_equations
@@ -25,7 +25,6 @@ from liftgate_hil.identification.weighting import (
     weighting_of,
 )
 
-Floats = NDArray[np.float64]
 Report = Callable[[int, float, float], None]  # iteration, loss, size of the step in standard deviations
 
 STILL = 5e-3  # standard deviations below which a step no longer counts

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.identification import statistics
-from liftgate_hil.identification.data import Data, rows_of
+from liftgate_hil.identification.data import Data, Floats, rows_of
 from liftgate_hil.identification.problem import Problem, Sought
 from liftgate_hil.report.provenance import Provenance
 from liftgate_plant.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
 
 _BIT = 0.05  # s, duration of one bit of the PRBS
 _CHIRP = (0.2, 20.0)  # Hz, first and last frequency

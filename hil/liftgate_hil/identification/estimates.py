@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.problem import ALL, Problem
 from liftgate_hil.identification.result import Estimate
 from liftgate_hil.identification.statistics import Uncertainty
 from liftgate_plant.quantity import Quantity
-
-Floats = NDArray[np.float64]
 
 _SHARE = 0.5  # of its value: the largest standard deviation of a useful estimate
 # Of its range: the same for a quantity that may well be zero (a slope, a coordinate).

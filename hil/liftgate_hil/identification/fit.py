@@ -7,12 +7,11 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identification import statistics
 from liftgate_hil.identification.coarse import coarse_of
-from liftgate_hil.identification.data import applied_voltage
+from liftgate_hil.identification.data import Floats, applied_voltage
 from liftgate_hil.identification.data_warnings import (
     begun_in_motion,
     driven_through_gaps,
@@ -36,8 +35,6 @@ from liftgate_hil.identification.valleys import past_dents
 from liftgate_hil.identification.weighting import errors_of, log_likelihood_deviance, sampled_rows
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
-
-Floats = NDArray[np.float64]
 
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
 _OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables on which few measurements depend

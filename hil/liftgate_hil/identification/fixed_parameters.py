@@ -24,13 +24,12 @@ from liftgate_hil.config.parameters import (
     with_value,
 )
 from liftgate_hil.identification.coarse import coarse_of
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.result import FixedParameter
 from liftgate_hil.identification.statistics import information, pseudo_inverse
 from liftgate_hil.identification.weighting import errors_of, sampled_rows, weighting_of
-
-Floats = NDArray[np.float64]
 
 _LARGER = 0.1  # share by which a fixed parameter is taken to be wrong
 _STEP = 1e-4  # of its value, for a slope

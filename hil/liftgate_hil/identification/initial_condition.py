@@ -6,17 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.identification import rigid
-from liftgate_hil.identification.data import Data, applied_voltage, first_sample, is_count, is_driven
+from liftgate_hil.identification.data import Data, Floats, applied_voltage, first_sample, is_count, is_driven
 from liftgate_hil.identification.trajectory import REST, Start
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import Vehicle, plant_of
-
-Floats = NDArray[np.float64]
 
 _CLOSED_DEG = 0.3
 # Shares of the largest speed: the initial speed that counts as rest at most, and the same where nothing drives.

@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import normal_equations, pseudo_inverse
 from liftgate_hil.identification.weighting import weighting_of
 
-Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
 Change = tuple[int, NDArray[np.intp]]  # experiment, indices into its `changes` of those in one cycle
 

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.identification.data import Floats
+
 Allowed = Callable[[Floats], bool]  # whether the vehicle that a step leads to is accepted
 _CUTS = 12  # half-spaces that restrict a step, at most
 _ASIDE = 1e-4  # of an unknown's size: how far aside the limit is located again, for its slope

@@ -7,16 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.identification.data import DRIVEN, Data, applied_voltage
+from liftgate_hil.identification.data import DRIVEN, Data, Floats, applied_voltage
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import factor_between, fit_percent
 from liftgate_hil.measurement.mapping import KNOWN
-
-Floats = NDArray[np.float64]
 
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain

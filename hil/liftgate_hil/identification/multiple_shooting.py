@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.identification import rigid
-from liftgate_hil.identification.data import Data, part_of
+from liftgate_hil.identification.data import Data, Floats, part_of
 from liftgate_hil.identification.initial_condition import InitialCondition, is_closed
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.residuals import local_line
@@ -24,8 +23,6 @@ from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import plant_of
-
-Floats = NDArray[np.float64]
 
 _LENGTH = 0.25  # s, duration of a segment, at least
 _SAMPLES = 20  # rows of a segment, at least

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.parameters import FreeParameter, with_values
-from liftgate_hil.identification.data import Data, changes_of, is_count, without_end
+from liftgate_hil.identification.data import Data, Floats, changes_of, is_count, without_end
 from liftgate_hil.identification.initial_condition import InitialCondition, Unknown, beginning_of
 from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, on_all_cpus, trajectory
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
@@ -22,7 +22,6 @@ from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
-Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identification import statistics
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.result import PhaseErrors, Series
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
-
-Floats = NDArray[np.float64]
 
 PHASES = ("rest", "inrush", "travel", "play crossing", "end stop")
 _INRUSH = 0.15  # s after the voltage rose from zero or changed its sign

@@ -6,15 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent, Report, SearchPoint, descend, leap, place_at
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.result import Estimate, LikelihoodProfile
 from liftgate_hil.identification.statistics import information, normal_equations, pseudo_inverse
 from liftgate_hil.identification.weighting import errors_of, loss_of, weighting_of
-
-Floats = NDArray[np.float64]
 
 _ROUNDS = 200  # steps of a search, at most
 _MOST_SPREAD = 2.0  # of a prior's standard deviation: width over which slopes are taken, at most

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.identification.data import Floats
 
 LAGS = 25
 BAND = 2.5758  # half width of the 99 % band of the standard normal distribution

@@ -16,10 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, compiled, fill, picked
 from liftgate_hil.identification import rigid
+from liftgate_hil.identification.data import Floats
 from liftgate_plant import dynamics, gate, initial, integrate
 from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
 from liftgate_plant.latch import Claw, LatchState, at_first
@@ -32,7 +32,6 @@ Result = TypeVar("Result")
 
 _MOST_ROWS = 4_000_000  # rows of all simulations that run at a time; each needs some 150 bytes a row
 _this_thread = threading.local()
-Floats = NDArray[np.float64]
 MODELS = {"full": 0, "third-order": 3, "second-order": 2}
 # Columns of the outputs.
 OUTPUTS = (

@@ -9,9 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
 from liftgate_hil.config import units
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.files import check_file, is_there
@@ -19,12 +16,11 @@ from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.toml import Table, read_toml, show, table
 from liftgate_hil.config.units import SAME, Conversion, headed_unit, marked_unit, unit_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
-from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats
 from liftgate_plant.signals import TIME, Signal
 
 # Columns that a file may hold; `voltage_v` is the voltage of both drives.
 KNOWN: Mapping[str, Signal] = {"time_s": TIME, "voltage_v": INPUTS["left_voltage_v"], **INPUTS, **OUTPUTS}
-Floats = NDArray[np.float64]
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml"
 _SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")

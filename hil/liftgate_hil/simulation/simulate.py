@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.plausibility import notes_on_vehicle
@@ -34,10 +33,9 @@ from liftgate_hil.plan.setup import Setup, setup_for
 from liftgate_hil.plan.stimulation import offline_of
 from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
-from liftgate_hil.stimuli.samples import Samples, constant_voltage
+from liftgate_hil.stimuli.samples import Floats, Samples, constant_voltage
 from liftgate_plant.initial import initial_state
 
-Floats = NDArray[np.float64]
 Sink = Callable[[Content, Iterable[Floats]], None]  # takes rows (n, places) as they come
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a duration, at most

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.campaigns.distributions import Floats
 
 _DRAWS = (
     1 << 17

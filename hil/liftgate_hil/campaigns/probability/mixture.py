@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.campaigns.distributions import Floats
 
 _SPLIT = (
     2.5  # variance above which a component becomes two; halves of a normal one then have 0.9 each, about the least

@@ -15,9 +15,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.probability.cells import Cells
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Result = TypeVar("Result")
 

@@ -20,9 +20,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from liftgate_hil.campaigns.distributions import clopper_pearson
+from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
 from liftgate_hil.campaigns.probability.cells import Cells, between
 from liftgate_hil.campaigns.probability.mixture import Mixture, Sample
 from liftgate_hil.campaigns.probability.population import (
@@ -34,7 +33,6 @@ from liftgate_hil.campaigns.probability.population import (
     side_by_side,
 )
 
-Floats = NDArray[np.float64]
 Cellwise = Sequence[Population]  # a run: one population of each cell
 
 LEAST_EVALUATIONS = 1000  # populations of 70 with 7 chains each: with fewer, thresholds are chance

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from liftgate_hil.campaigns.distributions import Floats
 
 # Chosen by measurement, as those of worst_search.py.
 PATIENCE, DIP_PATIENCE = 10, 2  # generations without progress that end a descent; a false dip has to end soon
@@ -36,7 +35,7 @@ class CmaDescent:
     """A descent of cma from one point; discrete dimensions are integers in it, and snapped by the caller."""
 
     def __init__(
-        self, start: Array, levels: Array, sigma: float, seed: list[int], known: float = math.inf
+        self, start: Floats, levels: Floats, sigma: float, seed: list[int], known: float = math.inf
     ) -> None:
         import cma
 
@@ -44,7 +43,7 @@ class CmaDescent:
         self.urgent = False
         self.best, self.place, self._start = known, start, start
         self.stale, self.over = 0, False
-        self.asked: Array = np.empty((0, len(start)))
+        self.asked: Floats = np.empty((0, len(start)))
         # cma refuses one dimension: an idle second one
         k = np.append(levels, [0.0] * (len(levels) == 1))
         self._scale = np.where(k > 0, k, 1.0)
@@ -62,13 +61,13 @@ class CmaDescent:
         with _numpy_state(self._state):
             self._cma = cma.CMAEvolutionStrategy(list(centre), sigma, options)
 
-    def ask(self) -> Array:
+    def ask(self) -> Floats:
         """Return the next generation, (n, d) in the unit cube."""
         with _numpy_state(self._state):
             self._raw = self._cma.ask()
         return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
 
-    def tell(self, margins: Array) -> None:
+    def tell(self, margins: Floats) -> None:
         """Take the finite margins of `asked`, NaN for no verdict."""
         judged = ~np.isnan(margins)
         if not judged.any():
