@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.campaigns.base import Base, base_of
 from liftgate_hil.campaigns.design import Design
@@ -18,6 +18,7 @@ from liftgate_hil.config.parameter_units import parameter_units
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.vehicle import VehicleFile, read_vehicle
+from liftgate_hil.described_result import Shown
 from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.ecu.names import ON_A_BUS
@@ -162,8 +163,10 @@ def absolute(request: CampaignRequest) -> CampaignRequest:
 class Pace(NamedTuple):
     """Numbers from which the sizes of batches follow; a campaign that goes on has those that it began with."""
 
-    seconds_each: float  # s that a variant takes
-    workers: int
+    seconds_each: Annotated[
+        float, Shown("time that a variant took in a trial before [s], from which batches are sized")
+    ]
+    workers: Annotated[int, Shown("number of workers")]
 
 
 def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | None:

@@ -13,8 +13,9 @@ import numpy as np
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.evaluation import Row
 from liftgate_hil.campaigns.figures import Figures
-from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN
 from liftgate_hil.campaigns.store import StoreError, reason_of
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -139,14 +140,11 @@ _KINDS = {
 }  # fmt: skip
 
 
-def _meaning_of(target: VariedTarget) -> str:
-    unit = f"{target.unit}, " if target.unit else ""
-    return f"{unit}varied: {_KINDS[target.kind]}"
-
-
 def description_of(base: Base) -> Mapping[str, str]:
     """Return the meaning of each column."""
-    varied = {each.name: _meaning_of(each) for each in base.targets}
+    varied = {
+        each.name: f"{each.unit}{', ' if each.unit else ''}varied: {_KINDS[each.kind]}" for each in base.targets
+    }
     judged = {f"{JUDGED}{name}": f"verdict on the expectation {name!r}" for name in base.expectations}
     margins = {
         f"{MARGIN}{name}": f"margin of the expectation {name!r}, 0 or negative where it failed; null: it has none"
@@ -158,14 +156,7 @@ def description_of(base: Base) -> Mapping[str, str]:
         VERDICT: "pass, inconclusive, fail or error: the worst of the expectations",
         **judged,
         **margins,
-        "peak_pinch_force_n": "N, largest pinch force; 0: nothing was pinched",
-        "reversal_time_s": "s, from the first touch to where the gate turned; null: it did not",
-        "reversal_distance_deg": "deg, by which the gate went on after the first touch",
-        "peak_current_a": "A, largest current of either motor",
-        "contact_angle_deg": "deg, gate angle at the first touch",
-        "current_rise_a": "A, rise of a motor's current from the first touch to the turn",
-        "pinch_impulse_ns": "N s, impulse of the last contact",
-        "over_limit_s": "s, longest time of a contact above the vehicle's gate.pinch_limit",
+        **keys_of(Figures),
         WALL: "s, time that the variant took; differs from run to run",
         ERROR: "why there is no result; null: there is one",
     }

@@ -86,7 +86,7 @@ def _search(found: Prepared, campaign: Campaign, folder: Folder) -> Analysis:
         folder.write(WORST_FILE, scenario_text(found, least.values, comment, folder.path).encode())
     line = replay_line(folder.path, variant)
     return Analysis(
-        adaptive_sections.worst_as_dict(worst, name, variant, names, unit),
+        adaptive_sections.worst_result(worst, name, variant, names, unit).to_dict(),
         [adaptive_sections.worst_section(worst, name, units_of(found), line, unit)],
     )
 
@@ -99,7 +99,7 @@ def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
     budget = request.evaluations or PROBABILITY_EVALUATIONS
     estimate = adaptive.estimate_probability(campaign, found.space, name, budget, request.sampling_seed)
     return Analysis(
-        adaptive_sections.probability_as_dict(estimate, name),
+        adaptive_sections.probability_result(estimate, name).to_dict(),
         [adaptive_sections.probability_section(estimate, name)],
     )
 
@@ -146,7 +146,7 @@ def evaluate_against(
     ecus, names = (str(found.request.ecu), str(found.request.against)), found.space.names
     comparison = comparison_of(folder.path / RESULTS, folder.path / AGAINST, names, base.expectations, ecus)
     folder.write_results([comparison.differing], DIFFERENCES)
-    return Analysis({"against": comparison.as_dict()}, [comparison_section(comparison, units_of(found))])
+    return Analysis({"against": comparison.to_dict()}, [comparison_section(comparison, units_of(found))])
 
 
 def tried(found: Prepared) -> float:
