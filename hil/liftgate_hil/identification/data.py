@@ -194,5 +194,4 @@ def applied_voltage(data: Data, supply: float) -> Floats:
     source = np.where(np.isnan(given), supply, given)
     driven = np.nan_to_num(rows[:, AT.left_voltage_v])
     driven += np.nan_to_num(rows[:, AT.left_duty]) * source
-    voltage: Floats = np.where(np.nan_to_num(rows[:, AT.left_coast]) > 0.0, 0.0, driven)
-    return voltage
+    return np.where(np.nan_to_num(rows[:, AT.left_coast]) > 0.0, 0.0, driven)

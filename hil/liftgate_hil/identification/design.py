@@ -197,8 +197,7 @@ def _information(
     # The information that is left on the sought parameters where a counter's zero is estimated too.
     own, rest = slice(len(sought)), slice(len(sought), None)
     across = whole[own, rest]
-    left: Floats = whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
-    return left
+    return whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
 
 
 def _ranked(candidate: Candidate, matrix: Floats, names: tuple[str, ...]) -> Ranked:

@@ -41,8 +41,7 @@ def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
         return outside
     left, right = own[after - 1], own[after]
     strictly_inside = (at > left + slack) & (at < right - slack)
-    result: NDArray[np.bool_] = outside | (strictly_inside & (right - left > GAP * usual))
-    return result
+    return outside | (strictly_inside & (right - left > GAP * usual))
 
 
 def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data:

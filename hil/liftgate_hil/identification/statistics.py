@@ -56,8 +56,7 @@ def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floa
 def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
     """Return M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
     matrix, _ = normal_equations(slopes, np.zeros(slopes.shape[:2]), root)
-    total: Floats = matrix + np.diag(inverse_std**2)
-    return total
+    return matrix + np.diag(inverse_std**2)
 
 
 def uncertainty(matrix: Floats) -> Uncertainty:

@@ -71,8 +71,7 @@ def interpolated(times: Floats, values: Floats) -> Floats:
     there = np.isfinite(values)
     if not np.any(there):
         return values
-    result: Floats = np.interp(times, times[there], values[there])
-    return result
+    return np.interp(times, times[there], values[there])
 
 
 def cut_angle(
