@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,11 @@ class Design:
         if self.count > MOST_VARIANTS:
             raise ConfigError(f"`vary`: {self.count:.4g} variants; allowed: up to {MOST_VARIANTS:.0e}")
         self._space = space
-        self._samples = self._sampled(sampled, samples, method, seed)
+        self._samples: dict[str, Floats] = {}
+        if sampled:
+            own = Space(tuple(sampled))
+            values = own.values(shares_of(len(own.targets), samples, method, seed))
+            self._samples = {name: values[:, k] for k, name in enumerate(own.names)}
         self._slow = [each for each in grids if each.target.kind in _SLOW]
         self._fast = [each for each in grids if each.target.kind not in _SLOW]
 
@@ -44,14 +47,6 @@ class Design:
         grids = [*self._slow, *self._fast]
         is_random = bool(grids) and all(each.target.kind in (SEED_OF_RUN, DRAW) for each in grids)
         return bool(self._samples) or is_random
-
-    @staticmethod
-    def _sampled(factors: list[Any], samples: int, method: str, seed: int) -> dict[str, Floats]:
-        space = Space(tuple(factors))
-        if not factors:
-            return {}
-        values = space.values(shares_of(len(space.targets), samples, method, seed))
-        return {name: values[:, k] for k, name in enumerate(space.names)}
 
     def values(self, first: int, count: int) -> Floats:
         """Return the values (n, d) of `count` points from the `first` on."""

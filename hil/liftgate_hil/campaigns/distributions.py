@@ -43,10 +43,6 @@ def _triangular(u: Floats, low: float, mode: float, high: float) -> Floats:
     return np.where(u < share, rising, falling)
 
 
-def _integer(u: Floats, low: float, high: float) -> Floats:
-    return low + np.minimum(np.floor(u * (high - low + 1.0)), high - low)
-
-
 FAMILIES: Mapping[str, Family] = {
     "uniform": Family(
         "low, high", "low < high", lambda low, high: low < high, lambda u, low, high: low + u * (high - low)
@@ -76,7 +72,7 @@ FAMILIES: Mapping[str, Family] = {
         "low, high",
         f"whole numbers, low < high, up to {SEED.high} of them",
         lambda low, high: low % 1.0 == high % 1.0 == 0.0 and 0.0 < high - low < SEED.high,
-        _integer,
+        lambda u, low, high: low + np.minimum(np.floor(u * (high - low + 1.0)), high - low),
     ),
 }
 

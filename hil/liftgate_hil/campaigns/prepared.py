@@ -63,7 +63,10 @@ def prepared(request: CampaignRequest) -> Prepared:
         design = Design(space, request.samples or 0, request.method or DEFAULT_METHOD, request.sampling_seed)
     else:
         check_expectation(request, base, {each.name: each for each in plan.setup.scenario.expectations})
-    against = _against(request, base) if request.against else None
+    against = None
+    if request.against:
+        ecu, mutant = ecu_of(str(request.against), "against")
+        against = base_of(plan_of(replace(job.asking(ecu=ecu), mutant=mutant)), base.targets)
     return Prepared(request, base, space, plan, design, against)
 
 
@@ -107,12 +110,6 @@ def check_expectation(request: CampaignRequest, base: Base, expectations: Mappin
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
     if request.kind == PROBABILITY and 0 < (request.evaluations or 0) < LEAST_OF_A_PROBABILITY:
         raise ConfigError(f"`evaluations` {request.evaluations}: allowed: {LEAST_OF_A_PROBABILITY} or more")
-
-
-def _against(request: CampaignRequest, base: Base) -> Base:
-    """Return the base of the other ECU, for the same values. Raises ConfigError."""
-    ecu, mutant = ecu_of(str(request.against), "against")
-    return base_of(plan_of(replace(base.job.asking(ecu=ecu), mutant=mutant)), base.targets)
 
 
 def _job_of(request: CampaignRequest) -> Job:

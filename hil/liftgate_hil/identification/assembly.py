@@ -148,6 +148,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, the identification reports it
     kinds = wanted or list(OUTPUT_KINDS)
+    known = ", ".join(kind for kind, names in OUTPUT_KINDS.items() if measured.intersection(names))
     issues = []
     found: list[str] = []
     for kind in kinds:
@@ -158,8 +159,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
         if wanted and not measured.intersection(OUTPUT_KINDS[kind]):
             why = "never changes" if still.intersection(OUTPUT_KINDS[kind]) else "not measured"
             issues.append(
-                f"`outputs` {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
-                f"{' or '.join(OUTPUT_KINDS[kind])}"
+                f"`outputs` {kind}: {why}; allowed: {known}, or a file with {' or '.join(OUTPUT_KINDS[kind])}"
             )
         found += own
     if issues:
@@ -182,10 +182,6 @@ def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
                 if np.ptp(there) > 0.0:
                     moving.add(name)
     return moving, measured - moving
-
-
-def _measured_kinds(measured: set[str]) -> str:
-    return ", ".join(kind for kind, names in OUTPUT_KINDS.items() if measured.intersection(names))
 
 
 def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:

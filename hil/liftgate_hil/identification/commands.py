@@ -222,7 +222,8 @@ def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> Non
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for number, each in enumerate(result.order, 1):
-            path = folder / f"{number}-{_input_name(each.candidate)}.csv"
+            name = re.sub("[^a-z0-9.+-]+", "-", each.candidate.name.lower())
+            path = folder / f"{number}-{name}.csv"
             check_no_input(path, inputs)
             put_report(path, _input_csv(each.candidate).encode(), say)
             where = (
@@ -231,11 +232,6 @@ def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> Non
             say(f"written: {path}: {where}")
     except OSError as error:
         raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
-
-
-def _input_name(planned: Candidate) -> str:
-    """Return the name of an experiment as a part of a file's name."""
-    return re.sub("[^a-z0-9.+-]+", "-", planned.name.lower())
 
 
 def _input_csv(planned: Candidate) -> str:

@@ -57,6 +57,8 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
         if k in known.silent or k in apart:
             std = math.inf
+        # Such an estimate is held with others, and the data determine it along the limit.
+        along = f"held with others at a limit for valid vehicles: {limits[k]}" if k in limits else ""
         result.append(
             Estimate(
                 name=name,
@@ -68,7 +70,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
                 low=float(low[k]),
                 high=float(high[k]),
                 identifiable=not remark,
-                remark=remark or _along(limits.get(k, "")),
+                remark=remark or along,
                 is_at_bound=is_at_bound,
                 is_held=is_held,
             )
@@ -93,11 +95,6 @@ def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int,
             if wrong := problem.refusals(other):
                 found[k] = wrong[0]
     return found
-
-
-def _along(limit: str) -> str:
-    """Return the remark on an estimate held with others by a limit, along which the data determine it."""
-    return f"held with others at a limit for valid vehicles: {limit}" if limit else ""
 
 
 def _unit_of(name: str) -> str:

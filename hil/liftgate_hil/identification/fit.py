@@ -72,6 +72,7 @@ def fitted(
     found = _from_few_rows(problem, report, given_std)
     _check_followed(problem, found.point, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
+    scatter = f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
     initial = place_at(problem, problem.initial, given_std).loss
     is_first = not math.isfinite(initial) or found.history[0] == initial
     history = found.history if is_first else (initial, *found.history)
@@ -106,7 +107,7 @@ def fitted(
         iterations=len(history) - 1,
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
-        covariance_kind=_KINDS[is_robust] + _scatter(jitter),
+        covariance_kind=_KINDS[is_robust] + scatter,
         fixed=tuple(fixed_parameters(problem, found, given_std, is_free)),
         input_jitter=jitter,
         data_warnings=(
@@ -186,10 +187,6 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
         statistics.score_series(data.times, measured, own)
         for data, measured, own in zip(problem.data, *parts, strict=True)
     ]
-
-
-def _scatter(jitter: float) -> str:
-    return f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
 
 
 def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:

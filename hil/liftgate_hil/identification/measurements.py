@@ -6,7 +6,6 @@ import contextlib
 import functools
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -52,11 +51,13 @@ def measurements_of(request: MeasuredRequest, vehicle: Vehicle, travel_only: boo
         if paths[k] in paths[:k]
     ]
     result = []
+    around = surroundings_of(load_of(vehicle))._asdict()  # which holds until a test bench's panel changes it
+    shown = ("_position_rev", "_hall_count", "gate_angle_deg")  # columns that show the position of the gate
     for name in files:
         try:
-            measurement = read_measurement(name, mapping, rig, _surroundings(vehicle), how)
+            measurement = read_measurement(name, mapping, rig, around, how)
             cut = cast(tuple[float, float] | None, request.cut_angle)
-            if cut is None and travel_only and _shows_angle(measurement):
+            if cut is None and travel_only and any(each.endswith(shown) for each in measurement.columns):
                 cut = _travel(vehicle)
             result.append(_conditioned(measurement, request, vehicle, cut))
         except ConfigError as error:
@@ -64,12 +65,6 @@ def measurements_of(request: MeasuredRequest, vehicle: Vehicle, travel_only: boo
     if issues:
         raise ConfigError(issues)
     return result
-
-
-def _shows_angle(measurement: Measurement) -> bool:
-    """Whether a column shows the position of the gate."""
-    shown = ("_position_rev", "_hall_count", "gate_angle_deg")
-    return any(name.endswith(shown) for name in measurement.columns)
 
 
 def _travel(vehicle: Vehicle) -> tuple[float, float]:
@@ -105,11 +100,6 @@ def _conditioned(
         )
     _raise_if_any(checks.check(measurement))
     return measurement
-
-
-def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
-    """Return the vehicle file's surroundings, which hold until a test bench's panel changes them."""
-    return surroundings_of(load_of(vehicle))._asdict()
 
 
 def _raise_if_any(issues: list[str]) -> None:

@@ -71,7 +71,7 @@ def on_all_cpus(function: Callable[[Item], Result], items: Sequence[Item], rows:
     if count <= 1:
         return [function(item) for item in items]
     is_over = threading.Event()
-    with ThreadPoolExecutor(count, initializer=_begin, initargs=(is_over,)) as pool:
+    with ThreadPoolExecutor(count, initializer=setattr, initargs=(_this_thread, "is_over", is_over)) as pool:
         try:
             return [each.result() for each in [pool.submit(function, item) for item in items]]
         except BaseException:
@@ -87,14 +87,8 @@ def check_wanted() -> None:
         raise UnwantedError
 
 
-def _begin(is_over: threading.Event) -> None:
-    _this_thread.is_over = is_over
-
-
 def _cpus() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 class Start(NamedTuple):

@@ -9,6 +9,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +30,7 @@ from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.plan.fault_columns import fault_columns_of
 from liftgate_hil.plan.provenance import origin_offline
-from liftgate_hil.plan.setup import Setup, setup_for
+from liftgate_hil.plan.setup import setup_for
 from liftgate_hil.plan.stimulation import offline_of
 from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
@@ -39,10 +40,6 @@ from liftgate_plant.initial import initial_state
 Sink = Callable[[Content, Iterable[Floats]], None]  # takes rows (n, places) as they come
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a duration, at most
-
-
-def _nobody(time_s: float, duration_s: float) -> None:
-    """Ignore how far a simulation is."""
 
 
 # fmt: off
@@ -78,7 +75,7 @@ def simulated(
     request: SimulateRequest,
     sink: Sink | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    report: Callable[[float, float], None] = _nobody,
+    report: Callable[[float, float], None] = lambda time_s, duration_s: None,
     say: Say = silent,
     note: Say = silent,
 ) -> Simulation:
@@ -104,6 +101,10 @@ def simulated(
         raise ConfigError(
             f"`duration` {duration:g}: allowed: up to {_MOST_ROWS:g} rows in memory, more with `output`"
         )
+    about = ""  # where the output's format cannot hold it
+    if output is not None and FORMATS[output.suffix].holds_about:
+        files = {"input": Path(request.input)} if request.input is not None else {}
+        about = origin_offline(setup, request.step, duration, files)
     offline = offline_of(setup, request.step)
     state, steps = initial_state(offline.constants.plant, setup.start_angle), round(duration / request.step)
     course = _Course(steps * request.step, report)
@@ -111,14 +112,16 @@ def simulated(
         columns_of(setup.vehicle.drives, offline=True),
         title="liftgate-hil simulate",
         remark=course.remark,
-        about=_about(request, setup, output, duration),
+        about=about,
         inputs=inputs,
     ).with_faults(fault_columns_of(setup.scenario.faults))
-    collected = _Collected()
-    if output is not None:
-        take: Sink = _FileSink(output, say)
-    else:
-        take = collected if sink is None else sink
+    columns: dict[str, Floats] = {}
+
+    def keep(content: Content, rows: Iterable[Floats]) -> None:
+        table = np.concatenate([np.zeros((0, len(content.places))), *(each[:, content.places] for each in rows)])
+        columns.update(zip(content.columns, table.T, strict=True))
+
+    take = partial(_write, output, say) if output is not None else sink or keep
     with contextlib.ExitStack() as stack:
         edge_file = None
         if edges is not None:
@@ -126,13 +129,7 @@ def simulated(
         blocks = course.over(blocks_of(offline, state, samples, steps, request.every), stopped)
         take(content, map(content.whole, _rows_of(blocks, edge_file)))
     return Simulation(
-        collected.columns,
-        course.rows,
-        course.time,
-        course.duration,
-        course.is_complete,
-        tuple(found),
-        course.remark(),
+        columns, course.rows, course.time, course.duration, course.is_complete, tuple(found), course.remark()
     )
 
 
@@ -141,14 +138,6 @@ def _samples_of(request: SimulateRequest) -> tuple[Samples, Sequence[str]]:
     if request.input is None:
         return constant_voltage(request.voltage or 0.0), ()
     return read_samples(Path(request.input), parse_maps(request.maps))
-
-
-def _about(request: SimulateRequest, setup: Setup, output: Path | None, duration: float) -> str:
-    """Return the provenance for the output; empty where its format cannot hold it."""
-    if output is None or not FORMATS[output.suffix].holds_about:
-        return ""
-    files = {"input": Path(request.input)} if request.input is not None else {}
-    return origin_offline(setup, request.step, duration, files)
 
 
 class _Course:
@@ -179,37 +168,18 @@ class _Course:
         return f"incomplete, stopped at {self.time:.3f} s of {self.duration:g} s"
 
 
-class _Collected:
-    """Sink that keeps the table."""
-
-    def __init__(self) -> None:
-        self.columns: dict[str, Floats] = {}
-
-    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
-        """Take the rows as columns by name."""
-        parts = [block[:, content.places] for block in rows]
-        table = np.concatenate(parts) if parts else np.zeros((0, len(content.places)))
-        self.columns = dict(zip(content.columns, table.T, strict=True))
-
-
-class _FileSink:
-    """Sink that writes the table to a file."""
-
-    def __init__(self, path: Path, say: Say) -> None:
-        self._path, self._say = path, say
-
-    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
-        """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
-        recorder = open_writer(self._path, content, None, self._say, "output", is_salvaged=False)
-        try:
-            recorder.begin(0)
-            for block in rows:
-                recorder.write_rows(block)
-                if recorder.failure:
-                    break
-        finally:
-            recorder.close()
-        raise_failures([recorder])
+def _write(path: Path, say: Say, content: Content, rows: Iterable[Floats]) -> None:
+    """Write all rows of a table, until writing fails. Raises ConfigError, RecordingError."""
+    recorder = open_writer(path, content, None, say, "output", is_salvaged=False)
+    try:
+        recorder.begin(0)
+        for block in rows:
+            recorder.write_rows(block)
+            if recorder.failure:
+                break
+    finally:
+        recorder.close()
+    raise_failures([recorder])
 
 
 def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterator[str]:

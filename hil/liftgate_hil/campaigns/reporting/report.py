@@ -198,9 +198,9 @@ def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin:
     if summary.driver != FORCE and has_margin:
         cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
         high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
-        drawn = heat_map(
-            cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
-        )
+        largest = float(np.nanmax(np.abs(cells.worst), initial=0.0))
+        digits = 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
+        drawn = heat_map(cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, digits)
         parts.append(
             f"<h3>Smallest {text(_margin_label(summary))}</h3>{drawn}"
             f'<p class="key">Red and framed: it fails there.{_empty(cells, "none that was decided")}</p>'
@@ -210,11 +210,6 @@ def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin:
 
 def _empty(cells: HeatMapCells, why: str) -> str:
     return f" ·: no variant, or {why}." if np.isnan(cells.worst).any() else ""
-
-
-def _digits(values: Floats) -> int:
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    return 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
 
 
 def requirements(summary: CampaignSummary) -> str:

@@ -112,7 +112,11 @@ def suspects(result: Identification) -> list[str]:
     if not ranked:
         return []
     alike = [each for each in ranked if each.explains > _AS_WELL * ranked[0].explains]
-    named = ", ".join(f"{clean(each.name)} {_by(each.change)}" for each in alike[:_MOST])
+    named = ", ".join(
+        f"{clean(each.name)} {significant(100.0 * abs(each.change), 2)} % "
+        f"{'larger' if each.change > 0.0 else 'smaller'}"
+        for each in alike[:_MOST]
+    )
     more = f" and {number_of(len(alike) - _MOST, 'more parameter')}" if len(alike) > _MOST else ""
     either, then = "this one", "if it is uncertain, estimate it, too"
     if len(alike) > 1:
@@ -121,11 +125,6 @@ def suspects(result: Identification) -> list[str]:
         f"of the fixed parameters, {either} would explain {significant(100.0 * ranked[0].explains, 2)} % of the "
         f"squared errors: {named}{more}; {then}"
     ]
-
-
-def _by(change: float) -> str:
-    """Return a relative change in words."""
-    return f"{significant(100.0 * abs(change), 2)} % {'larger' if change > 0.0 else 'smaller'}"
 
 
 def with_warnings(result: Warned, worded: Callable[[str], str] = str) -> Warned:
@@ -192,7 +191,11 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     They are on outputs of another scale or with an offset, on those that the model fits worse than their mean
     value does, and on residuals that are not white.
     """
-    turned = [name for name in columns_of(result.experiments) if _turns(series_of(result.experiments, name))]
+    turned = []  # above the simulation in one experiment, and below it in another
+    for name in columns_of(result.experiments):
+        several = series_of(result.experiments, name)
+        if len({math.copysign(1.0, each.mean) for each in several if has_offset(each)}) > 1:
+            turned.append(name)
     found = [f"{clean(name, 60)}: {_TURNED}" for name in turned]
     has_std = isinstance(result, Identification)
     for experiment in result.experiments:
@@ -253,12 +256,6 @@ def has_offset(series: Series) -> bool:
         return False
     parts = (part for part in np.array_split(errors, _PARTS) if len(part))
     return all(float(np.mean(part)) / series.mean > _CONSTANT for part in parts)
-
-
-def _turns(several: Sequence[Series]) -> bool:
-    """Whether the mean errors of an output are above the simulation in one experiment, and below it in another."""
-    signs = {math.copysign(1.0, each.mean) for each in several if has_offset(each)}
-    return len(signs) > 1
 
 
 def _offset(series: Series) -> str:

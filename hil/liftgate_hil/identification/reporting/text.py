@@ -35,11 +35,12 @@ _ACROSS = 6  # columns of a matrix side by side
 
 def identification_text(result: Identification) -> str:
     """Return the whole result of an identification."""
+    pairs = [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(result.warnings)),
         _titled("Parameters", _parameters(result.parameters)),
-        _titled("Strongly correlated", _pairs(result)),
+        _titled("Strongly correlated", pairs),
         _titled("If a fixed parameter were 10 % larger (not visible in the residuals)", _dependences(result)),
         _titled("Initial states", _states(result.initial_states)),
         _titled("95 % intervals by profile likelihood", _profiles(result)),
@@ -154,10 +155,6 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
         for each in estimates
     ]
     return table(("",) * 6, rows, "lrllll")[1:] if rows else []
-
-
-def _pairs(result: Identification) -> list[str]:
-    return [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
 
 
 def _dependences(result: Identification) -> list[str]:
