@@ -138,17 +138,23 @@ class _Ecu(NamedTuple):
     state: NodeState
 
 
+class _Ready(NamedTuple):
+    """A variant before its first tick."""
+
+    plan: Plan
+    adapter: Adapter
+    stimuli: StimulusPlan  # at time 0, as are the states of loop and ECU
+    loop: LoopState
+    node: NodeState
+
+
 @dataclass
 class _Trial:
     """A variant on its way from its values to its row."""
 
     began: float
-    plan: Plan | None = None
     judge: Judge | None = None
-    adapter: Adapter | None = None
-    stimuli: StimulusPlan | None = None  # at time 0, as are the states of loop and ECU
-    loop: LoopState | None = None
-    node: NodeState | None = None
+    ready: _Ready | None = None  # None: it is over
     figures: Figures = NO_FIGURES
     stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # closes a user's ECU
     given_up: str = ""
@@ -220,13 +226,12 @@ class Evaluator:
         """Return a variant before its first tick; it is over already where it has an error."""
         trial = _Trial(began=time.perf_counter())
         try:
-            trial.plan = plan = self.plan(values)
+            plan = self.plan(values)
             trial.judge = judge_of(plan, self._work)
-            trial.adapter = adapter = self.adapter_of(plan, trial.stack)
+            adapter = self.adapter_of(plan, trial.stack)
             execution = Execution(plan, adapter, (), stopped, self.memory, self._starts)
-            trial.stimuli = plan.stimuli  # this plan is run once
-            trial.loop = execution.started(trial.stimuli)
-            trial.node = adapter.state
+            loop = execution.started(plan.stimuli)  # this plan is run once
+            trial.ready = _Ready(plan, adapter, plan.stimuli, loop, adapter.state)
         except PreconditionError as failure:
             trial.given_up = str(failure)
         except LiftgateError as failure:
@@ -236,24 +241,21 @@ class Evaluator:
 
     def _run(self, trial: _Trial, stopped: Callable[[], bool]) -> None:
         """Run a variant as `EpisodeDriver` does, without recordings."""
-        plan, adapter, judge = trial.plan, trial.adapter, trial.judge
-        if trial.error or trial.given_up or plan is None or adapter is None:
+        if trial.ready is None:
             return
-        began = time.perf_counter()
-        assert trial.stimuli is not None
-        assert trial.loop is not None
-        assert trial.node is not None
+        began, judge = time.perf_counter(), trial.judge
+        plan, adapter, stimuli, loop, node = trial.ready
         assert plan.ticks is not None
         sinks: list[Sink] = [self._figures] if judge is None else [self._figures, judge]
         self._figures.begins_anew()
         self.reset()
-        adapter.state = trial.node
+        adapter.state = node
         is_recorded = judge is not None and judge.reads_the_bus
         try:
             with trial.stack:
                 if adapter.kind == PORT:
                     trial.stack.enter_context(foreign_code(self.memory))
-                episode = Episode(plan.config, trial.loop, trial.stimuli, adapter, sinks, is_recorded, self.memory)
+                episode = Episode(plan.config, loop, stimuli, adapter, sinks, is_recorded, self.memory)
                 episode.complete(plan.ticks, stopped)
         except LiftgateError as failure:
             trial.error = "; ".join(causes(failure))

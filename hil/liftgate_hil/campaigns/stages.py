@@ -209,7 +209,15 @@ def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, fol
     assert isinstance(vehicle, VehicleFile)
     lines = [f"# {line}" for line in comment.splitlines()]
     lines += [f"include = {json.dumps([_relative(file.path, folder)])}"]
-    lines += [f"{name} = {_toml(value)}" for name, value in _heads(prepared, base, request.seed, folder).items()]
+    own, origin = prepared.request, base.job.request.vehicle
+    assert isinstance(origin, VehicleFile)
+    heads = {  # where they are not those of the included file
+        "vehicle": None if own.vehicle is None else _name(origin.name, folder),
+        "rig": None if own.rig is None else _name(str(own.rig), folder),
+        "duration": own.duration,
+        "seed": request.seed,
+    }
+    lines += [f"{name} = {_toml(value)}" for name, value in heads.items() if value is not None]
     parameters = request.parameter_values
     if parameters:
         lines += ["", "[parameters]", *(f"{name} = {value!r}" for name, value in parameters.items())]
@@ -219,24 +227,9 @@ def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, fol
         settings = [*file.scenario(parameters).settings, *settings]
         settings = settings_for(vehicle.raw, variant, settings, str(vehicle.path))
     if settings:
-        own = {each.key: each.value for each in settings}
-        lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in own.items())]
+        last = {each.key: each.value for each in settings}
+        lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in last.items())]
     return "\n".join(lines) + "\n"
-
-
-def _heads(prepared: Prepared, base: Base, seed: int | None, folder: Path) -> dict[str, Any]:
-    """Return the keys at the top of the file, where they are not those of the included one."""
-    request, vehicle, found = prepared.request, base.job.request.vehicle, dict[str, Any]()
-    assert isinstance(vehicle, VehicleFile)
-    if request.vehicle is not None:
-        found["vehicle"] = _name(vehicle.name, folder)
-    if request.rig is not None:
-        found["rig"] = _name(str(request.rig), folder)
-    if request.duration is not None:
-        found["duration"] = request.duration
-    if seed is not None:
-        found["seed"] = seed
-    return found
 
 
 def _name(name: str, folder: Path) -> str:

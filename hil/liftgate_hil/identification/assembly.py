@@ -168,10 +168,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
 
 
 def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
-    """Return the measured columns that change, and those that never do.
-
-    A constant column (the Hall counts of a locked rotor) does not show its noise, so it cannot be weighted.
-    """
+    """Return the measured columns that change, and those that never do: they show no noise, and have no weight."""
     measured: set[str] = set()
     moving: set[str] = set()
     for each in data:

@@ -346,11 +346,7 @@ def vehicle_text_of(request: IdentifyRequest, result: Identification) -> str:
 
 
 def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Mapping[str, float]) -> None:
-    """Check that the loader accepts the vehicle to be saved. Raises ConfigError.
-
-    The loader may refuse it where estimates are not consistent with the initial values of parameters that are not
-    identifiable.
-    """
+    """Raise ConfigError where the loader refuses the estimates beside the initial values of other parameters."""
     not_identifiable = [name for name in sought if name not in identifiable]
     try:
         vehicle_of(tomllib.loads(text), f"`save_vehicle` {target}")

@@ -121,11 +121,7 @@ def _question(data: Data, stated: float) -> str:
 
 
 def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:
-    """Return the mean current [A] of a side before the first voltage; NaN where it is as `stated` [A].
-
-    Scatter, rounding, and the current that an unseen motion would induce count as no difference. `delay` [s] is
-    the time by which a voltage may act before its timestamp.
-    """
+    """Return the mean current [A] of a side before the first voltage; NaN: as `stated` [A] but for scatter."""
     driven = np.flatnonzero(is_driven(data))
     end = data.rows[driven[0]] - delay if len(driven) else math.inf
     current = data.outputs.get(f"{side}_current_a")

@@ -234,10 +234,7 @@ def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[
 def _step(
     problem: Problem, place: SearchPoint, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
-    """Return (step, the decrease of −log L that it promises, its size in standard deviations).
-
-    The step stays within the bounds, and leads to a vehicle that the checks do not refuse.
-    """
+    """Return (allowed step, the decrease of −log L that it promises, its size in standard deviations)."""
     point = place.point
     step = np.zeros(len(point))
     if not len(free):

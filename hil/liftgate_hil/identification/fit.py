@@ -20,8 +20,7 @@ from liftgate_hil.identification.data_warnings import (
     offsets_at_rest,
 )
 from liftgate_hil.identification.descent import Descent, Report, place_at
-from liftgate_hil.identification.estimates import estimates_of
-from liftgate_hil.identification.fixed_parameters import fixed_parameters
+from liftgate_hil.identification.estimates import estimates_of, fixed_parameters
 from liftgate_hil.identification.jitter import jitter_of
 from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.multiple_shooting import in_segments, is_far_off
@@ -127,10 +126,7 @@ def fitted(
 
 
 def _widening(white: Floats, whole: Floats, k: int) -> float:
-    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none.
-
-    Both are covariances (p, p) of all unknowns.
-    """
+    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none."""
     ratio = float(whole[k, k] / white[k, k]) if 0.0 < white[k, k] < math.inf else 1.0
     return max(ratio, 1.0) if math.isfinite(ratio) else 1.0
 
@@ -150,11 +146,7 @@ def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:
 def _uncertainty(
     problem: Problem, found: Descent, given_std: Floats | None
 ) -> tuple[Uncertainty, Floats, bool, float]:
-    """Return the uncertainty of the estimates at the end of a search.
-
-    The parts are: the uncertainty from the information matrix, the covariance of all unknowns, whether it is the
-    robust one, and the scatter of the inputs' timestamps [s].
-    """
+    """Return (uncertainty by the information, covariance, whether it is robust, scatter of the inputs [s])."""
     _, inverse_std = problem.priors()
     root = found.weighting.root
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
@@ -278,10 +270,7 @@ def widened(classic: Floats, robust: Floats) -> Floats:
 
 
 def _comparable(problem: Problem) -> list[int]:
-    """Leave out the outputs without samples to compare; return the indices of the others.
-
-    Raises NothingToTellError where all outputs are constant.
-    """
+    """Leave out outputs without samples to compare; return the others' indices. Raises NothingToTellError."""
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)

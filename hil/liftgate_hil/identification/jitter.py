@@ -140,11 +140,7 @@ class _Moves:
 
 
 def _products(effects: Effects, slopes: Floats, errors: Floats, root: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the products Ψᵀ Λ⁻¹ Ψ (n, n), Ψᵀ Λ⁻¹ ψ (n, p) and Ψᵀ Λ⁻¹ ε (n,) of n changes of the inputs.
-
-    `effects` Ψ is (n, rows, outputs), `slopes` ψ (rows, outputs, p), `errors` ε (rows, outputs); `root` is W
-    (outputs, outputs) with Λ⁻¹ = W Wᵀ.
-    """
+    """Return Ψᵀ Λ⁻¹ Ψ (n, n), Ψᵀ Λ⁻¹ ψ (n, p), Ψᵀ Λ⁻¹ ε (n,) of n changes of the inputs; `root` W: Λ⁻¹ = W Wᵀ."""
     count = len(effects)
     own, cross, seen = (np.zeros((count, n)) for n in (count, slopes.shape[2], 1))
     for weights in root.T:

@@ -87,10 +87,7 @@ def step_within_limits(
 
 
 def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allowed) -> tuple[float, float]:
-    """Return two adjacent shares of a way, the first allowed and the second not.
-
-    They are found by bisection between `first`, which is allowed, and `last`, which is not.
-    """
+    """Return adjacent shares of a way, allowed and not, between `first`, which is, and `last`, which is not."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (first + last)
         if allowed(start + middle * way):
@@ -134,10 +131,7 @@ def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -
 
 
 def _within_cuts(matrix: Floats, gradient: Floats, low: Floats, high: Floats, cuts: Sequence[Cut]) -> Floats:
-    """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957).
-
-    Each half-space pushes the step back as far as it must, and no further.
-    """
+    """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957)."""
     normals = np.array([cut.normal for cut in cuts])
     weights = np.zeros(len(cuts))
 

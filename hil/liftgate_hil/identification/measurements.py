@@ -14,11 +14,11 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import read_options
 from liftgate_hil.identification.request import MeasuredRequest, ModelChoice, ValidateRequest
-from liftgate_hil.measurement import checks, condition, quality
+from liftgate_hil.measurement import checks, quality
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.quality import angle_of_position, known_of
-from liftgate_hil.measurement.read import needs_rig, read_measurement
+from liftgate_hil.measurement.table import needs_rig, read_measurement
 from liftgate_hil.plan.setup import rig_from
 from liftgate_plant import gate
 from liftgate_plant.rows import surroundings_of
@@ -89,13 +89,13 @@ def _conditioned(
     # An outlier that is dropped later is no value in another unit.
     kept = quality.report_outliers(measurement, True, known) if request.drop_outliers else measurement
     _raise_if_any(checks.check(kept, known))
-    measurement = condition.cut_time(measurement, request.from_s, request.to_s)
+    measurement = quality.cut_time(measurement, request.from_s, request.to_s)
     _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
     measurement = quality.report_outliers(measurement, request.drop_outliers, known)
     if cut is not None:
         low, high = cut
-        measurement = condition.cut_angle(
+        measurement = quality.cut_angle(
             measurement, low, high, angle_of_position(vehicle), vehicle.sensors.hall_counts
         )
     _raise_if_any(checks.check(measurement))

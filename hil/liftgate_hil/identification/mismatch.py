@@ -80,10 +80,7 @@ def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
 
 
 def _guess(name: str, factor: float) -> str:
-    """Return which unit, or sign, of an output explains a factor, as the end of a hint; "": none does.
-
-    Our own unit comes first: the values are in another one, or in ours although another one is stated.
-    """
+    """Return which unit (ours first) or sign of an output explains a factor, as the end of a hint; "": none."""
     units: dict[float, str] = {}
     for unit, (ours, _) in spellings(KNOWN[name]).items():
         units.setdefault(ours, unit)  # the usual spelling comes first

@@ -334,10 +334,7 @@ def _moved(point: Floats, k: int, step: float) -> Floats:
 
 
 def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
-    """Return the start with the steady-state currents of the windings, which forget their initial state in L/R.
-
-    In a pause the voltage begins with the data, so the initial current is that without a voltage.
-    """
+    """Return the start with the windings' steady-state currents; in a pause the voltage begins with the data."""
     inputs = inputs_of(data.inputs[0], base, NOMINAL)
     currents = {}
     for side in ("left", "right"):

@@ -92,10 +92,7 @@ def pseudo_inverse(matrix: Floats) -> Floats:
 
 
 def _together(projector: Floats) -> list[list[int]]:
-    """Return groups of unknowns that the directions without information mix, by the projector onto these.
-
-    For two sums that are both undetermined the directions are any mixture, but the projector is unique.
-    """
+    """Return groups of unknowns that the directions without information mix, by the projector onto these."""
     share = np.diag(projector)
     groups: list[list[int]] = []
     for k in (int(each) for each in np.flatnonzero(share > _PART * np.max(share, initial=0.0))):

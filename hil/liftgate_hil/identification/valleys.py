@@ -82,10 +82,7 @@ def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | 
 
 
 def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
-    """Return the longest axes (n,), one standard deviation each, of the parameters' covariance relative to sizes.
-
-    The other unknowns follow as far as they depend on the parameters.
-    """
+    """Return the longest axes (n,), one σ each, of the parameters' covariance relative to sizes; others follow."""
     count = len(problem.sought)
     scale = problem.sizes[:count]
     own = covariance[:count, :count] / np.outer(scale, scale)

@@ -22,8 +22,7 @@ from liftgate_hil.campaigns.replay import replayed
 from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
 from liftgate_hil.campaigns.reporting.comparison import comparison_of
 from liftgate_hil.campaigns.reporting.heat_map import cells_of
-from liftgate_hil.campaigns.reporting.sensitivity import first_order
-from liftgate_hil.campaigns.reporting.summary import summary_of
+from liftgate_hil.campaigns.reporting.summary import first_order, summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import space_of
 from liftgate_hil.campaigns.store import Store, StoreError

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 
 CELLS = st.sampled_from(["0", "1", "-1.5e3", "", "nan", "inf", "x", " 2 ", '"3"', '"', "1,5", "1e400"])
 NAMES = st.sampled_from(

@@ -11,7 +11,7 @@ from catalogue_bus import FIRST_OUTPUT, catalogue_rig, input_frames
 from measurement_files import write_log
 
 from liftgate_hil.measurement.measurement import OUTPUTS
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PROFILES
 from liftgate_plant.bridge import CLOSE, OPEN
 from liftgate_plant.signals import Sensed, bus_name, signals_of

@@ -15,7 +15,7 @@ from liftgate_hil.codec.frames import empty_frames, logged
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_hil.signals import ON_TIME, columns_of
 
 

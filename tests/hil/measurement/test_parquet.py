@@ -13,7 +13,7 @@ from pyarrow import parquet
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 
 TIMES = [0.0, 0.1, 0.2, 0.3]
 COLUMNS: dict[str, Any] = {"time_s": TIMES, "U": [12.0] * 4, "left_current_a": [1.0, None, 3.0, 4.0]}

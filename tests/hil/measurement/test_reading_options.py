@@ -10,7 +10,7 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_hil.plan.setup import rig_from
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats
 
-_SPLIT = (
-    2.5  # variance above which a component becomes two; halves of a normal one then have 0.9 each, about the least
-)
+# Variance above which a component becomes two; halves of a normal one then have 0.9 each, about the least.
+_SPLIT = 2.5
 _LEAST = 10.0  # independent points of a component that is split in two, each half: fewer do not tell its mean
 _POCKETS = 0.1  # weight of the components at the given pockets, which no population may have reached
 

@@ -22,13 +22,14 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
-from liftgate_hil.campaigns.probability.cells import Cells, between
 from liftgate_hil.campaigns.probability.mixture import Mixture, Sample
 from liftgate_hil.campaigns.probability.population import (
     SHARE,
+    Cells,
     Population,
     Run,
     SubsetLevel,
+    between,
     populate,
     side_by_side,
 )

@@ -11,8 +11,7 @@ from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
 from liftgate_hil.campaigns.folder import replay_line
 from liftgate_hil.campaigns.reporting.heat_map import STYLE as HEAT_STYLE
 from liftgate_hil.campaigns.reporting.heat_map import HeatMapCells, breakable, cells_of, heat_map, label_of
-from liftgate_hil.campaigns.reporting.sensitivity import Index, rest_of
-from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary
+from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary, Index, rest_of
 from liftgate_hil.campaigns.results import MARGIN
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit

@@ -187,10 +187,7 @@ class _Search:
         return np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(f[judged])
 
     def _skill(self) -> float:
-        """Return the share of the variance of the last exploring points that the surrogate had predicted.
-
-        As long as there are few of them, that of all points of which each is left out in turn.
-        """
+        """Return the share of the variance of the last exploring points that the surrogate had predicted."""
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
         if len(recent) < CHECKS:
             return self._surrogate.skill() if self._surrogate.fitted else 0.0

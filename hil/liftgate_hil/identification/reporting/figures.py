@@ -213,10 +213,7 @@ def parameter_figure(result: Identification) -> Figure:
 
 
 def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, identifiable: np.ndarray) -> tuple[float, float]:
-    """Return the range (low, high) of the axis of estimates, relative to their initial values.
-
-    It holds 1, all `ratios`, and ratio ± error of the identifiable ones, with a margin at both ends.
-    """
+    """Return the limits of the axis: 1, all `ratios`, and ratio ± error of identifiable ones, with a margin."""
     ends = [1.0, *ratios.tolist(), *(ratios + errors)[identifiable].tolist()]
     lows = [1.0, *ratios.tolist(), *(ratios - errors)[identifiable].tolist()]
     high = max(each for each in ends if math.isfinite(each))
