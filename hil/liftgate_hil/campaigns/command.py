@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
-from liftgate_hil.campaigns.file import CampaignFile, NamedCampaign, is_campaign_file, read_campaign_file
+from liftgate_hil.campaigns.file import CampaignFile, is_campaign_file, read_campaign_file
 from liftgate_hil.campaigns.folder import REPORT, Folder
 from liftgate_hil.campaigns.prepared import inputs_of, prepared, units_of
 from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
+from liftgate_hil.campaigns.reporting.summary import CampaignSummary
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import arrow
 from liftgate_hil.campaigns.run import (
@@ -28,16 +28,9 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance, provenance_of
 
 
-class PartOutcome(NamedTuple):
-    """A part of a campaign file, and its outcome."""
-
-    part: NamedCampaign
-    outcome: CampaignOutcome
-
-
 def run_parts(
     file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
-) -> list[PartOutcome]:
+) -> list[CampaignOutcome]:
     """Run the parts of a campaign file, and write the report of all.
 
     After a stop the last outcome is not complete, and there are no later ones. Raises as `run_campaign`.
@@ -49,7 +42,7 @@ def run_parts(
     for part in file.parts:  # all, before the first has run for hours
         inputs += inputs_of(prepared(part.request))
     folder.create()
-    found: list[PartOutcome] = []
+    found: list[CampaignOutcome] = []
     with folder.claimed():
         folder.make_way([REPORT], inputs, watcher.say)
         for part in file.parts:
@@ -59,10 +52,14 @@ def run_parts(
             there = replace(places, output=own.path, is_resumed=is_resumed)
             if places.store:
                 there = replace(there, store=f"{places.store.rstrip('/')}/{part.name}")
-            found.append(PartOutcome(part, run_campaign(part.request, there, provenance, watcher)))
-            if not found[-1].outcome.is_complete:
+            found.append(run_campaign(part.request, there, provenance, watcher))
+            if not found[-1].is_complete:
                 break
-        results = [_result_of(each) for each in found if each.outcome.summary is not None]
+        results = [
+            _result_of(part.title, each, each.summary)
+            for part, each in zip(file.parts, found, strict=False)
+            if each.summary is not None
+        ]
         if results:
             is_whole = len(found) == len(file.parts)
             ecu = str(file.parts[0].request.ecu)  # the flag applies to all parts
@@ -72,23 +69,16 @@ def run_parts(
     return found
 
 
-def _result_of(found: PartOutcome) -> PartResult:
-    outcome = found.outcome
-    assert outcome.summary is not None
+def _result_of(title: str, outcome: CampaignOutcome, summary: CampaignSummary) -> PartResult:
     return PartResult(
-        found.part.title,
-        outcome.summary,
+        title,
+        summary,
         units_of(outcome.prepared),
         str(outcome.folder.path),
         outcome.prepared.plan.setup.scenario.description,
         outcome.is_complete,
         choice_of(outcome.prepared),
     )
-
-
-def is_complete(found: Sequence[PartOutcome], file: CampaignFile) -> bool:
-    """Whether all parts of a file are complete."""
-    return len(found) == len(file.parts) and all(each.outcome.is_complete for each in found)
 
 
 # fmt: off
@@ -138,5 +128,5 @@ def campaigned(
         return CampaignResult((outcome,), False, places.output, outcome.is_complete)
     file = read_campaign_file(str(request.scenario), request)
     found = run_parts(file, places, provenance, watcher)
-    outcomes = tuple(each.outcome for each in found)
-    return CampaignResult(outcomes, True, places.output, is_complete(found, file))
+    is_complete = len(found) == len(file.parts) and all(each.is_complete for each in found)
+    return CampaignResult(tuple(found), True, places.output, is_complete)

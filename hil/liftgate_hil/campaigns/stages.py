@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.campaign import Campaign, batch_size, batches_in, batches_of
+from liftgate_hil.campaigns.campaign import Campaign, batch_size, batches_of
 from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.evaluation import Evaluator
 from liftgate_hil.campaigns.executors.executor import Batch, Executor
@@ -66,7 +66,7 @@ def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) ->
     assert design is not None
     size = batch_size(design.count, pace.workers, pace.seconds_each)
     campaign.progress.count = design.count
-    campaign.asked += batches_in(found.base, design, size)
+    campaign.asked += batches_of(found.base, design, size)
     return NOTHING
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,8 @@ _BLIND = 1e-12  # share of an unknown's own curvature that is added, so that an 
 _TRIALS = 8  # steps tried by wide differences, at most
 
 
-class SearchPoint(NamedTuple):
+@dataclass(frozen=True)
+class SearchPoint:
     """A point of the search, and how well it predicts the measurement."""
 
     point: Floats
@@ -52,33 +54,13 @@ class SearchPoint(NamedTuple):
     deviance: float  # −2 log L, plus the term of the priors
 
 
-class Descent(NamedTuple):
+@dataclass(frozen=True)
+class Descent(SearchPoint):
     """The end of a descent, or of a search of several ones."""
 
-    place: SearchPoint
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
     slopes: Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
-
-    @property
-    def point(self) -> Floats:
-        """The point at the end: parameters, then unknowns."""
-        return self.place.point
-
-    @property
-    def weighting(self) -> Weighting:
-        """Weighting of the outputs by the errors at the end."""
-        return self.place.weighting
-
-    @property
-    def errors(self) -> Floats:
-        """Errors (rows, outputs), measured − predicted, 0 where there is no sample."""
-        return self.place.errors
-
-    @property
-    def deviance(self) -> float:
-        """−2 log L at the end, plus the term of the priors."""
-        return self.place.deviance
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> SearchPoint:
@@ -136,11 +118,13 @@ def descend(
         elif slopes.away > 0.0:
             slopes = _fresh(problem, place, moved)
         elif damping > _MOST or not math.isfinite(promised):
-            return Descent(place, tuple(history), "no step reduces the loss", slopes.values)
+            reason = "no step reduces the loss"
+            return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
-        return Descent(place, tuple(history), f"not converged after {rounds} iterations", slopes.values)
+        reason = f"not converged after {rounds} iterations"
+        return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
     last, _, _ = _step(problem, place, slopes.values, free, 0.0)
     other = place_at(problem, place.point + last, given_std)
     if other.deviance < place.deviance:
@@ -148,7 +132,7 @@ def descend(
         history.append(place.loss)
         _tell(report, history, moved)
     reason = f"converged: the last step is less than {STILL:g} standard deviations"
-    return Descent(place, tuple(history), reason, slopes.values)
+    return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
 
 
 class _Slopes(NamedTuple):

@@ -36,11 +36,6 @@ ALL = -1  # `experiment` of an unknown that all experiments share
 Checks = Callable[[Vehicle], Sequence[str]]
 
 
-def nothing_refused(vehicle: Vehicle) -> Sequence[str]:
-    """Refuse no vehicle: the checks of a problem whose parameters may have any values within their bounds."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Sought:
     """A parameter to estimate; values in the unit of the vehicle file."""
@@ -68,7 +63,7 @@ class Problem:
     is_delay_sought: bool = False
     speed_window: float = 0.0  # s before a sample, over which a measured speed is averaged
     longest: float = 1e-3  # s, longest step of a simulation
-    refused_by: Checks = nothing_refused  # a search visits only vehicles with which these find nothing wrong
+    refused_by: Checks = lambda vehicle: ()  # a search visits only vehicles with which these find nothing wrong
     evaluations: int = 0
     beginnings: Sequence[InitialCondition] = ()  # default: estimated from the data
     unknowns: list[Unknown] = field(init=False)

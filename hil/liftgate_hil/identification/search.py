@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,12 +65,12 @@ def past_kinks(
     std = np.sqrt(np.diag(spread))
     std = np.where(std > 0.0, std, problem.sizes)  # for unknowns without effect
     most = _MOST_SPREAD / np.maximum(inverse_std, 1e-300)
-    place = found.place
+    place: SearchPoint = found
     for span in _SPANS:
         place, promised = leap(problem, place, given_std, np.minimum(span * std, most))
         if promised < _SMOOTH:
             break
-    if place is found.place:
+    if place is found:
         return found
     return better(found, _from(problem, place, report, given_std))
 
@@ -78,7 +79,7 @@ def better(found: Descent, other: Descent) -> Descent:
     """Return the more likely end of two searches; the history of `other` continues that of `found`."""
     if found.deviance <= other.deviance:
         return found
-    return other._replace(history=(*found.history, *other.history[1:]))
+    return replace(other, history=(*found.history, *other.history[1:]))
 
 
 def at_best_delay(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:

@@ -40,7 +40,7 @@ def test_it_never_goes_up() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     end = descend(one, place_at(one, one.initial, None), range(5), None, 100)
     assert np.all(np.diff(end.history) < 0.0)
-    assert place_at(one, end.place.point, None).deviance == end.place.deviance
+    assert place_at(one, end.point, None).deviance == end.deviance
 
 
 def test_rounds_that_do_not_suffice_are_reported() -> None:

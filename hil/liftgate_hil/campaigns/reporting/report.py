@@ -86,11 +86,6 @@ def report(
     )
 
 
-def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two; `units` are those of varied names."""
-    return f'<p class="lead">{text(_story(summary, units))}</p>'
-
-
 def has_forces(summary: CampaignSummary) -> bool:
     """Whether anything was pinched in any variant."""
     return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
@@ -140,8 +135,8 @@ def interval(failed: int, count: int) -> str:
     return f"{significant(100.0 * low, 2)} to {significant(100.0 * high, 2)} %"
 
 
-def _story(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two."""
+def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
+    """Return the result in a sentence or two; `units` are those of varied names."""
     counts = summary.counts
     failed = counts.get("fail", 0)
     decided = summary.count - counts.get("error", 0) - counts.get("inconclusive", 0)
@@ -152,7 +147,7 @@ def _story(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     elif summary.expectations and decided:
         parts.append(f"None of {decided:,} variants fails.")
     parts.append(_forces(summary, units))
-    return " ".join(part for part in parts if part)
+    return f'<p class="lead">{text(" ".join(part for part in parts if part))}</p>'
 
 
 def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
@@ -256,13 +251,6 @@ def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice =
     return parts
 
 
-def _unit_of(column: str, summary: CampaignSummary) -> str:
-    """Return the unit of a result; "": none, or several."""
-    if column == FORCE:
-        return "N"
-    return next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == column), "")
-
-
 def _margin_label(summary: CampaignSummary) -> str:
     """Return the label of the margin that drives the summary, with its unit."""
     return _with_unit(_margin_words(summary.driver), summary.driver, summary)
@@ -274,8 +262,9 @@ def _margin_words(column: str) -> str:
 
 
 def _with_unit(words: str, column: str, summary: CampaignSummary) -> str:
-    """Return words with the unit of a result."""
-    return label_of(words, {words: _unit_of(column, summary)})
+    """Return words with the unit of a result, if it has one."""
+    units = {f"{MARGIN}{each.name}": each.unit for each in reversed(summary.expectations)} | {FORCE: "N"}
+    return label_of(words, {words: units.get(column, "")})
 
 
 def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats
-from liftgate_hil.campaigns.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, reading
+from liftgate_hil.campaigns.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, numbers_in, reading
 from liftgate_hil.judging.verdict import FAIL, PASS, VERDICTS
 
 _CLASSES = 24  # of a continuous value, at most
@@ -195,14 +195,9 @@ def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
     first = 0
     for part in file.iter_batches(_PART, columns=list(columns)):
         for name in columns:
-            found[name].append(_floats(part[name])[-first % every :: every])
+            found[name].append(numbers_in(part, name)[-first % every :: every])
         first += part.num_rows
     return {name: np.concatenate(parts) for name, parts in found.items()}
-
-
-def _floats(column: Any) -> Floats:
-    found: Floats = column.to_numpy(zero_copy_only=False).astype(np.float64)
-    return found
 
 
 class _Judged:
@@ -216,7 +211,7 @@ class _Judged:
     def take(self, part: Any) -> None:
         """Count the rows of a part."""
         self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
-        margins = _floats(part[f"{MARGIN}{self._name}"])
+        margins = numbers_in(part, f"{MARGIN}{self._name}")
         known = np.isfinite(margins)
         if known.any():
             place = int(np.nanargmin(np.where(known, margins, np.nan)))
@@ -245,7 +240,7 @@ def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:
     found: list[tuple[float, int, WorstVariant]] = []
     first = 0
     for part in file.iter_batches(_PART, columns=columns):
-        result = _floats(part[driver])
+        result = numbers_in(part, driver)
         badness = -result if is_margin else result
         known = np.flatnonzero(np.isfinite(badness))
         order = known[np.argsort(-badness[known], kind="stable")][:_WORST]

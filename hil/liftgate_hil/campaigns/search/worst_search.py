@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Generator, Sequence
+import warnings
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
 
 from liftgate_hil.campaigns.distributions import Floats
-from liftgate_hil.campaigns.search.descent import CmaDescent
 from liftgate_hil.campaigns.search.surrogate import Surrogate
 from liftgate_hil.errors import number_of
 
+# Chosen by measurement, as those of worst_search.py.
+PATIENCE, DIP_PATIENCE = 10, 2  # generations without progress that end a descent; a false dip has to end soon
+WANDER = 0.25  # distance at which a dip's descent is in a broader minimum; 0.15 equal
 # Constants without another source were chosen by measurement: 16 to 40 seeds on pocket functions of 3 to 6
 # dimensions (needles, slopes, shoulders, pockets beside a harmless minimum) and on analytic ones, 500 evaluations.
 # START, MODEL_SLOTS, POOL and APART are first guesses that were kept.
@@ -33,6 +38,77 @@ EVERY, EVERY_SKILLED = 2, 16  # batches from one generation of a descent to the 
 SHARE, SHARE_FREE = 0.1, 60  # descents before `LATE`: a share and a sum; a share of 0.25 lost needles
 DIP_SCORE, DIP_FLOOR = 6.0, 0.4  # a dip: so many robust deviations and so many spreads below the prediction
 POOL = 256  # candidates over the whole space and again around the worst points
+
+
+@contextlib.contextmanager
+def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
+    """Lend numpy's global generator to cma, which draws from it, and give the caller's state back."""
+    callers = np.random.get_state()
+    np.random.set_state(state["numpy"])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # cma warns of flat and of one-sided populations, which are usual here
+            yield
+    finally:
+        state["numpy"] = np.random.get_state()
+        np.random.set_state(callers)
+
+
+class CmaDescent:
+    """A descent of cma from one point; discrete dimensions are integers in it, and snapped by the caller."""
+
+    def __init__(
+        self, start: Floats, levels: Floats, sigma: float, seed: list[int], known: float = math.inf
+    ) -> None:
+        import cma
+
+        self.dip = known < math.inf
+        self.urgent = False
+        self.best, self.place, self._start = known, start, start
+        self.stale, self.over = 0, False
+        self.asked: Floats = np.empty((0, len(start)))
+        # cma refuses one dimension: an idle second one
+        k = np.append(levels, [0.0] * (len(levels) == 1))
+        self._scale = np.where(k > 0, k, 1.0)
+        self._low = np.where(k > 0, -0.5, 0.0)
+        centre = np.append(start, [0.5] * (len(k) - len(start))) * self._scale + self._low
+        self._state = {"numpy": np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed))).get_state()}
+        options = {
+            "bounds": [list(self._low), list(self._low + self._scale)],
+            "CMA_stds": list(self._scale),
+            "integer_variables": [int(i) for i in np.flatnonzero(k > 0)],
+            "seed": math.nan,  # nan: cma leaves the generator's state as it is
+            "verbose": -9,
+            "verb_log": 0,
+        }
+        with _numpy_state(self._state):
+            self._cma = cma.CMAEvolutionStrategy(list(centre), sigma, options)
+
+    def ask(self) -> Floats:
+        """Return the next generation, (n, d) in the unit cube."""
+        with _numpy_state(self._state):
+            self._raw = self._cma.ask()
+        return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
+
+    def tell(self, margins: Floats) -> None:
+        """Take the finite margins of `asked`, NaN for no verdict."""
+        judged = ~np.isnan(margins)
+        if not judged.any():
+            self.over = True
+            return
+        # The median ranks a point without a verdict as neither good nor bad.
+        filled = np.where(judged, margins, np.median(margins[judged]))
+        with _numpy_state(self._state):
+            self._cma.tell(self._raw, list(filled))
+            self.over = bool(self._cma.stop())
+        i = int(np.argmin(np.where(judged, margins, math.inf)))
+        progress = margins[i] < self.best - 1e-3 * (abs(self.best) if self.best < math.inf else 0.0)
+        self.stale = 0 if progress else self.stale + 1
+        if margins[i] < self.best:
+            self.best, self.place = float(margins[i]), self.asked[i]
+        # A dip's descent that wanders off has left the dip for a broader minimum, which others see to.
+        wandered = self.dip and bool(np.abs(self.place - self._start).max() > WANDER)
+        self.over |= wandered or self.stale > (DIP_PATIENCE if self.dip else PATIENCE)
 
 
 @dataclass(frozen=True)
