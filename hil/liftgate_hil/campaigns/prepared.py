@@ -51,8 +51,10 @@ def prepared(request: CampaignRequest) -> Prepared:
     if plan.ticks is None:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
     assert isinstance(job.request.vehicle, VehicleFile)  # see _job_of
-    content = job.request.vehicle.raw
-    space = space_of(request.vary, _parameters_of(job, plan), plan.setup.vehicle, content)
+    assert isinstance(job.request.scenario, ScenarioFile)
+    units = parameter_units(part.raw for part in job.request.scenario.parts)
+    parameters = {name: units.get(name, "") for name in plan.setup.scenario.parameters}
+    space = space_of(request.vary, parameters, plan.setup.vehicle, job.request.vehicle.raw)
     _check_once(request, space)
     if request.ideal and any(each.kind == DRAW for each in space.targets):
         raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
@@ -68,13 +70,6 @@ def prepared(request: CampaignRequest) -> Prepared:
         ecu, mutant = ecu_of(str(request.against), "against")
         against = base_of(plan_of(replace(job.asking(ecu=ecu), mutant=mutant)), base.targets)
     return Prepared(request, base, space, plan, design, against)
-
-
-def _parameters_of(job: Job, plan: Plan) -> dict[str, str]:
-    """Return the parameters of the scenario with their units; "": unknown."""
-    assert isinstance(job.request.scenario, ScenarioFile)  # see _job_of
-    units = parameter_units(part.raw for part in job.request.scenario.parts)
-    return {name: units.get(name, "") for name in plan.setup.scenario.parameters}
 
 
 def units_of(found: Prepared) -> dict[str, str]:

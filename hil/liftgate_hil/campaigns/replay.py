@@ -57,7 +57,7 @@ def replayed(
     wrong = [
         f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"
         for name, each in seen.items()
-        if not _is_same(each, row.get(name))
+        if (None if isinstance(each, float) and math.isnan(each) else each) != row.get(name)
     ]
     values_text = ", ".join(
         f"{each.name} = {value:.12g}" for each, value in zip(found.base.targets, values, strict=True)
@@ -86,12 +86,6 @@ def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
         margins[f"{MARGIN}{name}"] = each.margin if is_known and each is not None else None
     figures = figures_of(result.trace)._asdict() if result.verdict != ERROR else {}
     return {VERDICT: result.verdict, **margins, **figures}
-
-
-def _is_same(one: Any, other: Any) -> bool:
-    if isinstance(one, float) and math.isnan(one):
-        one = None
-    return bool(one == other)
 
 
 def _shown(value: Any) -> str:

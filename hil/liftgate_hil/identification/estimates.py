@@ -66,6 +66,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             if unknown.experiment != ALL:
                 name = f"{problem.data[unknown.experiment].name}: {name}"
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
+        signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
         remark, is_at_bound, is_held = "", False, False
         if k in known.silent:
             remark = "has no effect on the measured outputs"
@@ -79,7 +80,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
             remark = f"at its bound {float(bound):g}"
         elif k in limits and len(limits) == 1:
             remark = f"at a limit for valid vehicles: {limits[k]}"
-        elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
+        elif k < len(problem.sought) and std > max(_SHARE * abs(float(value)), signed):
             times = std / max(abs(value), 1e-300)
             remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
         if k in known.silent or k in apart:
@@ -133,12 +134,6 @@ def _unit_of(name: str) -> str:
         "housing_warmth": "K",
     }
     return units.get(name, "")
-
-
-def _largest_std(value: float, quantity: Quantity) -> float:
-    """Return the largest standard deviation of a useful estimate."""
-    signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
-    return max(_SHARE * abs(value), signed)
 
 
 def fixed_parameters(

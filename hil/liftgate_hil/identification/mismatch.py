@@ -10,7 +10,7 @@ import numpy as np
 
 from liftgate_hil.config.units import spellings
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.identification.data import DRIVEN, Data, Floats, applied_voltage
+from liftgate_hil.identification.data import DRIVEN, Floats, applied_voltage
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import factor_between, fit_percent
 from liftgate_hil.measurement.mapping import KNOWN
@@ -104,7 +104,9 @@ def _by_other_inputs(problem: Problem) -> list[str]:
     """Return a hint where every output follows with other inputs, and maybe outputs of the opposite sign."""
     before = _fits(problem, problem.initial)
     for factor, text in _INPUTS.items():
-        data = [_driven(each, factor) for each in problem.data]
+        scale = np.ones(problem.data[0].inputs.shape[1])
+        scale[list(DRIVEN)] = factor
+        data = [replace(each, inputs=each.inputs * scale) for each in problem.data]
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
         fit = _mean(after)
@@ -118,12 +120,6 @@ def _by_other_inputs(problem: Problem) -> list[str]:
 
 def _mean(fits: dict[str, tuple[float, float]]) -> float:
     return float(np.mean([each for each, _ in fits.values()])) if fits else -math.inf
-
-
-def _driven(data: Data, factor: float) -> Data:
-    inputs = data.inputs.copy()
-    inputs[:, DRIVEN] *= factor
-    return replace(data, inputs=inputs)
 
 
 def _fits(problem: Problem, point: Floats) -> dict[str, tuple[float, float]]:

@@ -23,7 +23,7 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Quantiles, distribution, note
 from liftgate_hil.loop.listener import Listener
@@ -165,9 +165,12 @@ class Player:
         self._source = open_recording(replay.recording, replay.how)
         if self._source.channel is None:
             raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
-        self._replay = _directed(replay, self._source)
-        self._course = DueTimes(self._replay.speed, self._replay.selection.begin, self._replay.selection.end)
-        self.played.direction = self._replay.selection.direction
+        selection = replay.selection
+        if not selection.direction:
+            selection = replace(selection, direction="sent" if has_sent(self._source) else "both")
+        self._replay = replace(replay, selection=selection)
+        self._course = DueTimes(replay.speed, selection.begin, selection.end)
+        self.played.direction = selection.direction
         self._schedule = empty_schedule()
         self._blocks = self._all_blocks()
         self._waiting: Block | None = None
@@ -345,11 +348,3 @@ def machine_code() -> Any:
     code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())
     scratch.close()
     return code
-
-
-def _directed(replay: Replay, source: Recording) -> Replay:
-    """Return the replay with its direction, which follows from the recording if none was given."""
-    if replay.selection.direction:
-        return replay
-    direction = "sent" if has_sent(source) else "both"
-    return replace(replay, selection=replace(replay.selection, direction=direction))

@@ -75,11 +75,6 @@ def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ..
         if each.times is not None:
             held = held[np.maximum(np.searchsorted(each.times, times, side="right") - 1, 0)]
         columns[name] = held
-    return Samples(times - times[0], _as_simulated(reading, columns)), _notes(reading, times)
-
-
-def _as_simulated(reading: TableReading, columns: dict[str, Floats]) -> dict[str, Floats]:
-    """Return the columns of the inputs of a step, each holding from its row on."""
     if reading.recorded:
         shift_inputs(columns)
     if reading.names.get("latch_released") == "latched":
@@ -87,7 +82,7 @@ def _as_simulated(reading: TableReading, columns: dict[str, Floats]) -> dict[str
     both = columns.pop("voltage_v", None)
     if both is not None:
         columns |= {f"{side}_voltage_v": both for side in SIDES}
-    return columns
+    return Samples(times - times[0], columns), _notes(reading, times)
 
 
 def _notes(reading: TableReading, times: Floats) -> tuple[str, ...]:
@@ -150,7 +145,11 @@ def simulated(
     setup = setup_for(request)
     inputs = [*setup.inputs, *(Path(name) for name in (request.input, *request.maps) if name)]
     output, edges = _targets_of(request, inputs)
-    samples, notes = _samples_of(request)
+    notes: Sequence[str] = ()
+    if request.input is None:
+        samples = constant_voltage(request.voltage or 0.0)
+    else:
+        samples, notes = read_samples(Path(request.input), parse_maps(request.maps))
     duration = request.duration if request.duration is not None else setup.scenario.duration
     if duration is None:
         duration = _length_of(request, samples.times)
@@ -193,13 +192,6 @@ def simulated(
     return Simulation(
         columns, course.rows, course.time, course.duration, course.is_complete, tuple(found), course.remark()
     )
-
-
-def _samples_of(request: SimulateRequest) -> tuple[Samples, Sequence[str]]:
-    """Return the inputs, and notes on how they were read. Raises ConfigError."""
-    if request.input is None:
-        return constant_voltage(request.voltage or 0.0), ()
-    return read_samples(Path(request.input), parse_maps(request.maps))
 
 
 class _Course:

@@ -47,7 +47,7 @@ class Cells:
         self._directions = pockets / np.linalg.norm(pockets, axis=1)[:, None]
         self._labels: NDArray[np.intp] = np.arange(count)
         for i, j in connected:
-            self._join(int(self._labels[i]), int(self._labels[j]))
+            self._labels[self._labels == self._labels[i]] = self._labels[j]
         shares = np.zeros(count)
         rng = np.random.default_rng((seed, 0))
         for _ in range(_DRAWS // _CHUNK if count > 1 else 0):
@@ -58,7 +58,9 @@ class Cells:
             sizes = [float(np.sum(shares[self._labels == label])) for label in labels]
             if len(labels) <= most and min(sizes) >= _LEAST:
                 break
-            self._join_nearest(int(labels[np.argmin(sizes)]))
+            own = self._labels == labels[np.argmin(sizes)]
+            near = np.max(self._directions @ self._directions[own].T, axis=1)
+            self._labels[own] = self._labels[np.argmax(np.where(own, -np.inf, near))]
             labels = np.unique(self._labels)
         self.count = max(len(labels), 1)
         self._labels = np.searchsorted(labels, self._labels)
@@ -81,14 +83,6 @@ class Cells:
     def _nearest(self, points: Floats) -> NDArray[np.intp]:
         nearest: NDArray[np.intp] = np.argmax(points @ self._directions.T, axis=1)
         return nearest
-
-    def _join(self, label: int, to: int) -> None:
-        self._labels[self._labels == label] = to
-
-    def _join_nearest(self, label: int) -> None:
-        own = self._labels == label
-        near = np.max(self._directions @ self._directions[own].T, axis=1)
-        self._join(label, int(self._labels[np.argmax(np.where(own, -np.inf, near))]))
 
 
 def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:

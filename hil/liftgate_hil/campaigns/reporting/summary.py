@@ -167,7 +167,10 @@ def summary_of(
             for each in judged:
                 each.take(part)
         results = [each.result() for each in judged]
-        driver = f"{MARGIN}{preferred}" if preferred else _driver_of(results)
+        failing = [each for each in results if each.failed and math.isfinite(each.least)]
+        if failing and not preferred:
+            preferred = max(failing, key=lambda each: each.failed).name
+        driver = f"{MARGIN}{preferred}" if preferred else FORCE
         every = -(-file.metadata.num_rows // MOST_ROWS)
         columns = list(dict.fromkeys((*varied, driver, FORCE)))
         kept = _kept(file, columns, every)
@@ -223,14 +226,6 @@ class _Judged:
         passed, failed = self._counts[PASS], self._counts[FAIL]
         undecided = self._counts.total() - passed - failed
         return ExpectationResults(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
-
-
-def _driver_of(judged: Sequence[ExpectationResults]) -> str:
-    """Return the column that the report is about: the margin of what fails most, or else the force."""
-    failing = [each for each in judged if each.failed and math.isfinite(each.least)]
-    if not failing:
-        return FORCE
-    return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
 
 
 def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:

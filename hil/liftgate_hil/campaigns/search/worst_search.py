@@ -16,9 +16,6 @@ from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.search.surrogate import Surrogate
 from liftgate_hil.errors import number_of
 
-# Chosen by measurement, as those of worst_search.py.
-PATIENCE, DIP_PATIENCE = 10, 2  # generations without progress that end a descent; a false dip has to end soon
-WANDER = 0.25  # distance at which a dip's descent is in a broader minimum; 0.15 equal
 # Constants without another source were chosen by measurement: 16 to 40 seeds on pocket functions of 3 to 6
 # dimensions (needles, slopes, shoulders, pockets beside a harmless minimum) and on analytic ones, 500 evaluations.
 # START, MODEL_SLOTS, POOL and APART are first guesses that were kept.
@@ -37,6 +34,8 @@ CHECKS = 24  # points that the surrogate has predicted, from which its skill is 
 EVERY, EVERY_SKILLED = 2, 16  # batches from one generation of a descent to the next; 8 needed more beside needles
 SHARE, SHARE_FREE = 0.1, 60  # descents before `LATE`: a share and a sum; a share of 0.25 lost needles
 DIP_SCORE, DIP_FLOOR = 6.0, 0.4  # a dip: so many robust deviations and so many spreads below the prediction
+PATIENCE, DIP_PATIENCE = 10, 2  # generations without progress that end a descent; a false dip has to end soon
+WANDER = 0.25  # distance at which a dip's descent is in a broader minimum; 0.15 equal
 POOL = 256  # candidates over the whole space and again around the worst points
 
 
