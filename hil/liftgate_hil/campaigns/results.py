@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -71,8 +70,7 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
         len(rows), len(base.expectations)
     )
     figures = np.array([each.figures for each in rows], dtype=np.float64).reshape(len(rows), len(Figures._fields))
-    found: dict[str, Any] = {VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string())}
-    found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+    found = _variants(base, values)
     found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())
     for k, name in enumerate(base.expectations):
         found[f"{JUDGED}{name}"] = pa.array([each.verdicts[k] for each in rows], pa.string())
@@ -83,15 +81,19 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     return pa.table(found)
 
 
+def _variants(base: Base, values: Floats) -> dict[str, pa.Array]:
+    """Return the columns that say which variants (n, d) they are."""
+    names = arrow().array([base.variant(each) for each in values.tolist()], arrow().string())
+    return {VARIANT: names} | {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+
+
 def without_results(base: Base, values: Floats, error: str) -> pa.Table:
     """Return the table of variants with values (n, d) that were not evaluated, with the error that says so."""
     pa = arrow()
     none = table_of(base, values[:0], [])
     count = len(values)
-    varied = {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
     known: dict[str, Any] = {
-        VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string()),
-        **varied,
+        **_variants(base, values),
         VERDICT: pa.repeat(pa.scalar("error"), count),
         ERROR: pa.repeat(pa.scalar(error), count),
     }
@@ -102,30 +104,6 @@ def without_results(base: Base, values: Floats, error: str) -> pa.Table:
 def _numbers(values: Floats) -> Any:
     """Return numbers (n,) as an Arrow array in which NaN is null."""
     return arrow().array(np.ascontiguousarray(values), from_pandas=True)
-
-
-def rows_of(base: Base, table: pa.Table) -> list[Row]:
-    """Return the rows of a table, as `table_of` was given them."""
-    margins = [_list(table, f"{MARGIN}{name}") for name in base.expectations]
-    judged = [table[f"{JUDGED}{name}"].to_pylist() for name in base.expectations]
-    figures = [_list(table, name) for name in Figures._fields]
-    verdicts, errors = table[VERDICT].to_pylist(), table[ERROR].to_pylist()
-    walls = _list(table, WALL)
-    return [
-        Row(
-            verdicts[k],
-            tuple(each[k] for each in margins),
-            Figures(*(each[k] for each in figures)),
-            walls[k],
-            errors[k] or "",
-            tuple(each[k] for each in judged),
-        )
-        for k in range(table.num_rows)
-    ]
-
-
-def _list(table: pa.Table, name: str) -> list[float]:
-    return [math.nan if each is None else float(each) for each in table[name].to_pylist()]
 
 
 def numbers_in(table: pa.Table, name: str) -> Floats:

@@ -15,6 +15,7 @@ from liftgate_hil.identification.data import Floats, applied_voltage
 from liftgate_hil.identification.data_warnings import (
     begun_in_motion,
     driven_through_gaps,
+    hints,
     moves_one_way,
     never_driven,
     offsets_at_rest,
@@ -22,7 +23,6 @@ from liftgate_hil.identification.data_warnings import (
 from liftgate_hil.identification.descent import Descent, Report, place_at
 from liftgate_hil.identification.estimates import estimates_of, fixed_parameters
 from liftgate_hil.identification.jitter import jitter_of
-from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.residuals import Frame, phases_of, series_of, speed_series

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from liftgate_hil.identification.data import Data
-from liftgate_hil.identification.mismatch import hints
+from liftgate_hil.identification.data_warnings import hints
 from liftgate_hil.identification.problem import Problem
 from tests.hil.identification.simulated import measured, there_and_back, true_vehicle
 

@@ -173,28 +173,24 @@ def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin:
     if len(names) < 2:
         return ""
     across, down = sorted(names, key=lambda name: -len(np.unique(summary.values[name])))
+    over = summary.values[across], summary.values[down]
+    labels = label_of(across, units), label_of(down, units)
     parts = []
-    if np.nanmax(summary.force, initial=0.0) > 0.0:
+    if has_forces(summary):
         pinched = np.where(summary.force > 0.0, summary.force, np.nan)
-        cells = cells_of(summary.values[across], summary.values[down], pinched, is_low_worst=False)
-        limit, is_judged = summary.force_limit, summary.force_limit is not None
+        cells, limit = cells_of(*over, pinched, is_low_worst=False), summary.force_limit
         high = float(np.nanmax(cells.worst)) if limit is None else limit
-        drawn = heat_map(
-            cells, label_of(across, units), label_of(down, units), 0.25 * high, high, is_judged=is_judged
-        )
-        colours = f" Red and framed: over the limit of {limit:g} N." if is_judged else ""
+        drawn = heat_map(cells, *labels, 0.25 * high, high, is_judged=limit is not None)
+        colours = "" if limit is None else f" Red and framed: over the limit of {limit:g} N."
         what = "The worst of all other varied values in each cell." if len(varying) > 2 else ""
-        parts.append(
-            f"<h3>Largest pinch force [N]</h3>{drawn}"
-            f'<p class="key">{what}{colours}'
-            f"{_empty(cells, 'nothing was pinched or known')}</p>"
-        )
+        why = _empty(cells, "nothing was pinched or known")
+        parts.append(f'<h3>Largest pinch force [N]</h3>{drawn}<p class="key">{what}{colours}{why}</p>')
     if summary.driver != FORCE and has_margin:
-        cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
+        cells = cells_of(*over, summary.result, is_low_worst=True)
         high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
         largest = float(np.nanmax(np.abs(cells.worst), initial=0.0))
         digits = 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
-        drawn = heat_map(cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, digits)
+        drawn = heat_map(cells, *labels, max(high, 1e-9), 0.0, digits)
         parts.append(
             f"<h3>Smallest {text(_margin_label(summary))}</h3>{drawn}"
             f'<p class="key">Red and framed: it fails there.{_empty(cells, "none that was decided")}</p>'

@@ -273,6 +273,13 @@ def notes_of(result: Identification) -> list[str]:
     return [text] if series and is_exact else []
 
 
+def residual_words(series: Series) -> str:
+    """Return what a residual is; "": not white, without an excuse."""
+    if series.is_white:
+        return "white about its mean" if has_offset(series) else "white"
+    return EXCUSES[series.excuse] if series.excuse else ""
+
+
 def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
     """Return pairs of parameters whose correlation is at least _STRONG in size, with it, strongest first."""
     names = [each.name for each in result.parameters]

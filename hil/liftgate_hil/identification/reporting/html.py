@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from liftgate_hil.identification.reporting import figures
-from liftgate_hil.identification.reporting.findings import (
-    EXCUSES,
-    dependences,
-    firsts,
-    has_offset,
-    strong_correlations,
-)
+from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.numbers import (
@@ -192,10 +186,8 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
 
 
 def _residual(series: Series) -> str:
-    if series.is_white:
-        return "white about its mean" if has_offset(series) else "white"
-    if series.excuse:
-        return EXCUSES[series.excuse]
+    if words := residual_words(series):
+        return words
     return (
         f"not white: {series.lags_outside} of {len(series.autocorrelation) - 1} lags outside, "
         f"{series.input_lags_outside} of {len(series.crosscorrelation)} with the voltage"

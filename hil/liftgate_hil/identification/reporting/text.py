@@ -9,13 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from liftgate_hil.identification.design import ExperimentPlan, Ranked
-from liftgate_hil.identification.reporting.findings import (
-    EXCUSES,
-    dependences,
-    firsts,
-    has_offset,
-    strong_correlations,
-)
+from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import (
     clean,
@@ -209,10 +203,8 @@ def _criteria(result: Identification) -> list[str]:
 
 
 def _residual(series: Series) -> str:
-    if series.is_white:
-        return "white about its mean" if has_offset(series) else "white"
-    if series.excuse:
-        return EXCUSES[series.excuse]
+    if words := residual_words(series):
+        return words
     lag = 1 + int(np.argmax(np.nan_to_num(np.abs(series.autocorrelation[1:]))))
     return f"not white: {series.autocorrelation[lag]:+.2f} at lag {lag}, band ±{series.band:.3f}"
 
