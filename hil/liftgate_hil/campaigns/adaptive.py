@@ -13,13 +13,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from liftgate_hil.campaigns.campaign import Campaign, batches_of
-from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.probability.population import LARGEST_FAILING
 from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate, subset_simulation
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, numbers_in
 from liftgate_hil.campaigns.search.worst_search import SearchEnd, worst_search
-from liftgate_hil.campaigns.space import Space
+from liftgate_hil.campaigns.space import Space, shares_of
 from liftgate_hil.judging.verdict import FAIL
 
 Ending = TypeVar("Ending")

@@ -10,10 +10,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.executors.executor import Batch, Executor
 from liftgate_hil.campaigns.results import VARIANT, columns_of
+from liftgate_hil.campaigns.space import Design
 from liftgate_hil.campaigns.store import Store, StoreError
 
 if TYPE_CHECKING:

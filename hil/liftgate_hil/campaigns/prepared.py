@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.campaigns.base import Base, base_of
-from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.folder import MANIFEST, Folder
 from liftgate_hil.campaigns.request import DEFAULT_METHOD, DESIGN, PROBABILITY, CampaignRequest
 from liftgate_hil.campaigns.results import check_columns
-from liftgate_hil.campaigns.space import DRAW, Space, space_of
+from liftgate_hil.campaigns.space import DRAW, Design, Space, space_of
 from liftgate_hil.config.parameter_units import parameter_units
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.shipped import find_config
@@ -55,7 +54,10 @@ def prepared(request: CampaignRequest) -> Prepared:
     units = parameter_units(part.raw for part in job.request.scenario.parts)
     parameters = {name: units.get(name, "") for name in plan.setup.scenario.parameters}
     space = space_of(request.vary, parameters, plan.setup.vehicle, job.request.vehicle.raw)
-    _check_once(request, space)
+    given = {*request.parameter_values, *(each.partition("=")[0].strip() for each in request.settings)}
+    given |= {name for name, value in (("seed", request.seed), ("draw", request.draw)) if value is not None}
+    if twice := [name for name in space.names if name in given]:
+        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
     if request.ideal and any(each.kind == DRAW for each in space.targets):
         raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
     base = base_of(plan, space.targets)
@@ -80,16 +82,6 @@ def units_of(found: Prepared) -> dict[str, str]:
 def inputs_of(found: Prepared) -> list[Path]:
     """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
     return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against or "")])]
-
-
-def _check_once(request: CampaignRequest, space: Space) -> None:
-    """Raise ConfigError where something is both varied and given."""
-    given = {*request.parameter_values, *(each.partition("=")[0].strip() for each in request.settings)}
-    given |= {"seed"} if request.seed is not None else set()
-    given |= {"draw"} if request.draw is not None else set()
-    twice = [name for name in space.names if name in given]
-    if twice:
-        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
 
 
 def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 VARIANT, VERDICT, WALL, ERROR = "variant", "verdict", "wall_s", "error"
 MARGIN = "margin."  # prefix of the columns of margins
 JUDGED = "verdict."  # the same of the expectations' verdicts
-MISSING = "campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed"
 
 
 def columns_of(base: Base) -> tuple[str, ...]:
@@ -49,7 +48,7 @@ def arrow() -> Any:
         import pyarrow as pa
         import pyarrow.parquet as _  # noqa: F401
     except ImportError:
-        raise ConfigError(MISSING) from None
+        raise ConfigError("campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed") from None
     return pa
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.campaign import Campaign, batch_size, batches_of
-from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.evaluation import Evaluator
 from liftgate_hil.campaigns.executors.executor import Batch, Executor
 from liftgate_hil.campaigns.folder import AGAINST, DIFFERENCES, RESULTS, WORST_FILE, Folder, replay_line
@@ -22,7 +21,7 @@ from liftgate_hil.campaigns.reporting import adaptive_sections
 from liftgate_hil.campaigns.reporting.comparison import comparison_of, comparison_section
 from liftgate_hil.campaigns.request import PROBABILITY, WORST
 from liftgate_hil.campaigns.results import without_results
-from liftgate_hil.campaigns.space import Space
+from liftgate_hil.campaigns.space import Space, shares_of
 from liftgate_hil.config.scenario import ScenarioFile
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.variant import AS_FILED, settings_for

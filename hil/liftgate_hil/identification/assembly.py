@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -13,10 +13,9 @@ from liftgate_hil.config.parameters import find_parameter, same_on_both_sides, v
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.config.vehicle import issues_with
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.data import Data, first_sample, rows_of
+from liftgate_hil.identification.data import Data, first_sample, rows_of, thinned
 from liftgate_hil.identification.measurements import measurements_of
 from liftgate_hil.identification.problem import Problem, Sought
-from liftgate_hil.identification.raster import thinned
 from liftgate_hil.identification.request import OUTPUT_KINDS, MeasuredRequest, SoughtChoice, pairs
 from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.measurement.measurement import Measurement
@@ -65,8 +64,11 @@ def problem_of(
     if not is_the_law(vehicle):
         notes.append(f"{request.vehicle}: the model omits how [friction] varies with travel, runs and age")
     for measurement, each in zip(measurements, data, strict=True):
-        found = (*measurement.notes, *_driven_alike(measurement, vehicle.drives))
-        notes += [f"{measurement.source}: {note}" for note in found]
+        notes += [f"{measurement.source}: {note}" for note in measurement.notes]
+        for side, other in (("left", "right"), ("right", "left")) if vehicle.drives == 2 else ():
+            if not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):  # see `rows_of`
+                alike = f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
+                notes.append(f"{measurement.source}: {alike}")
         if each.decimation is not None:
             steps = [] if request.resample is None else [f"resampled to {request.resample:g} Hz"]
             steps += [f"decimated by {request.decimate} after a low-pass filter"] if request.decimate > 1 else []
@@ -81,13 +83,6 @@ def problem_of(
                 "`initial` gives the angle of a gate that has rested for long"
             )
     return problem, tuple(notes)
-
-
-def _driven_alike(measurement: Measurement, drives: int) -> Iterator[str]:
-    """Yield a note on a motor for which the measurement has no input (see `rows_of`)."""
-    for side, other in (("left", "right"), ("right", "left"))[:drives]:
-        if drives == 2 and not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):
-            yield f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
 
 
 def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:

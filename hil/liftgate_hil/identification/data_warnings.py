@@ -1,4 +1,4 @@
-"""Warnings on data, and hints on why a simulation does not follow them: other units or signs, long gaps, an offset."""
+"""Warnings on data, and hints on why a simulation does not follow them: units, signs, gaps, offsets."""
 
 from __future__ import annotations
 
@@ -135,15 +135,11 @@ def offsets_at_rest(problem: Problem) -> list[str]:
             mean = _offset(problem.vehicle, data, side, stated, delay)
             if not math.isnan(mean):
                 text = f"{data.name}: {side}_current_a is {mean:.2g} A while the motor stands without voltage"
-                found.append(f"{text}{_question(data, stated)}")
+                what = ": has its sensor an offset? an offset with the other sign in a map file corrects it"
+                if data.through_sensors:
+                    what = f", and {_STATED} in the vehicle file is {stated:g} A: is it right?"
+                found.append(f"{text}{what}")
     return found
-
-
-def _question(data: Data, stated: float) -> str:
-    """Return the end of a warning: what may be the cause, and what to do."""
-    if data.through_sensors:
-        return f", and {_STATED} in the vehicle file is {stated:g} A: is it right?"
-    return ": has its sensor an offset? an offset with the other sign in a map file corrects it"
 
 
 def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,20 @@ from numpy.typing import NDArray
 from liftgate_hil.config.parameters import FreeParameter, with_values
 from liftgate_hil.identification.data import Data, Floats, changes_of, is_count, without_end
 from liftgate_hil.identification.initial_condition import InitialCondition, Unknown, beginning_of
-from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, on_all_cpus, trajectory
+from liftgate_hil.identification.trajectory import (
+    MODELS,
+    OUTPUTS,
+    REST,
+    Item,
+    Result,
+    Start,
+    on_all_cpus,
+    trajectory,
+)
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
@@ -86,7 +92,13 @@ class Problem:
                 raise ValueError(
                     f"{len(angles)} angles for {len(self.data)} experiments; allowed: one per experiment"
                 )
-            self.beginnings = [self._beginning(number, angle, full) for number, angle in enumerate(angles)]
+            beginnings = []
+            for number, (data, angle) in enumerate(zip(self.data, angles, strict=True)):
+                try:
+                    beginnings.append(beginning_of(self.vehicle, data, number, angle, full))
+                except ValueError as error:
+                    raise ValueError(f"{data.name}: {error}") from error
+            self.beginnings = beginnings
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-LONGEST_DELAY, high=LONGEST_DELAY))
@@ -94,13 +106,6 @@ class Problem:
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
                 self._compare_edges(column)
-
-    def _beginning(self, number: int, angle: float | None, full: bool) -> InitialCondition:
-        """Return the initial condition of an experiment. Raises ValueError with its name."""
-        try:
-            return beginning_of(self.vehicle, self.data[number], number, angle, full)
-        except ValueError as error:
-            raise ValueError(f"{self.data[number].name}: {error}") from error
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
         """Return the same problem for other data; `changes` are fields that go with them."""

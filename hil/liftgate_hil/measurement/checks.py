@@ -32,8 +32,10 @@ def check(measurement: Measurement, vehicle: KnownVehicle | None = None) -> list
     """Return all issues of a measurement, one line each."""
     known = vehicle or KnownVehicle()
     issues = _soundness(measurement)
-    if not issues:
-        issues += _raster(measurement)
+    usual = math.nan if issues else float(np.median(np.diff(measurement.times)))
+    if not issues and not _FASTEST <= usual <= _SLOWEST:
+        rather = "is it ms? " if usual > _SLOWEST else ""
+        issues = [f"time_s: {usual:.4g} s between rows: {rather}allowed: {_FASTEST:g} to {_SLOWEST:g} s"]
     if not issues:
         for side in ("left", "right"):
             issues += _position_and_speed(measurement, side, known)
@@ -83,14 +85,6 @@ def _soundness(measurement: Measurement) -> list[str]:
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
             issues.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
     return issues
-
-
-def _raster(measurement: Measurement) -> list[str]:
-    usual = float(np.median(np.diff(measurement.times)))
-    if _FASTEST <= usual <= _SLOWEST:
-        return []
-    rather = "is it ms? " if usual > _SLOWEST else ""
-    return [f"time_s: {usual:.4g} s between rows: {rather}allowed: {_FASTEST:g} to {_SLOWEST:g} s"]
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:

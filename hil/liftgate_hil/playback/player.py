@@ -188,7 +188,13 @@ class Player:
         if self._stopped():
             return
         if not self._schedule.position[0].written:
-            raise ConfigError(f"{self._source.path}: {self._nothing()}")
+            chosen = self._replay.selection
+            what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
+            if replace(chosen, direction="both") == Selection("both"):
+                why = f"{what} in the recording; allowed: a recording with such frames"
+            else:
+                why = f"{what} matches the selection; allowed: a selection that holds frames"
+            raise ConfigError(f"{self._source.path}: {why}")
         memory, noted = Memory(1, 1), list[NotedTransport]()
 
         def seen_by(transport: Transport) -> Transport:
@@ -209,13 +215,6 @@ class Player:
             for note in self._source.notes:
                 self._listener.say(f"{self._source.path}: {note}")
             memory.close()
-
-    def _nothing(self) -> str:
-        chosen = self._replay.selection
-        what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
-        if replace(chosen, direction="both") == Selection("both"):
-            return f"{what} in the recording; allowed: a recording with such frames"
-        return f"{what} matches the selection; allowed: a selection that holds frames"
 
     def _all_blocks(self) -> Iterator[Block]:
         """Yield what shall be played, round after round; a recording that fits into the ring is read once."""

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 from html_page import Page
 
-from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.file import read_campaign_file
 from liftgate_hil.campaigns.folder import Folder
 from liftgate_hil.campaigns.prepared import pace_before, prepared
@@ -24,7 +23,7 @@ from liftgate_hil.campaigns.reporting.comparison import comparison_of
 from liftgate_hil.campaigns.reporting.heat_map import cells_of
 from liftgate_hil.campaigns.reporting.summary import first_order, summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.campaigns.space import space_of
+from liftgate_hil.campaigns.space import Design, space_of
 from liftgate_hil.campaigns.store import Store, StoreError
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.setup import vehicle_from

@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from liftgate_hil.identification.data import Data, part_of
+from liftgate_hil.identification.data import Data, part_of, thinned
 from liftgate_hil.identification.fit import fitted, validated
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.raster import thinned
 from tests.hil.identification import many_seeds
 from tests.hil.identification.many_seeds import QUANTUM, THINNED, THINNED_TRUTH, opening, thinned_problem
 from tests.hil.identification.simulated import measured, scores, sought, true_vehicle

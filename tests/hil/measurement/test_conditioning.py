@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.data import Data, rows_of
-from liftgate_hil.identification.raster import thinned
+from liftgate_hil.identification.data import Data, rows_of, thinned
 from liftgate_hil.measurement.measurement import Floats, Measurement
 from liftgate_hil.measurement.quality import (
     KnownVehicle,

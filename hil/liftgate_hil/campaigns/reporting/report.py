@@ -11,7 +11,7 @@ from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
 from liftgate_hil.campaigns.folder import replay_line
 from liftgate_hil.campaigns.reporting.heat_map import STYLE as HEAT_STYLE
 from liftgate_hil.campaigns.reporting.heat_map import HeatMapCells, breakable, cells_of, heat_map, label_of
-from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary, Index, rest_of
+from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary, rest_of
 from liftgate_hil.campaigns.results import MARGIN
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
@@ -231,7 +231,11 @@ def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice =
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
             continue
-        rows = [_driver_row(each, units) for each in indices]
+        rows: list[tuple[str, str, str, str]] = []
+        for each in indices:
+            span = f"{significant(each.low_mean, 3)} … {significant(each.high_mean, 3)}"
+            at = with_unit(plain(float(f"{each.at_high:.4g}")), units.get(each.name, ""))
+            rows.append((breakable(each.name), _bar(each.first_order), span, at))
         rows.append(("several together, or chance", _bar(rest_of(indices)), "", ""))
         what = _margin_words(column) if column.startswith(MARGIN) else axis_label(column)
         parts.append(f"<h3>{text(what)}</h3>")
@@ -261,12 +265,6 @@ def _with_unit(words: str, column: str, summary: CampaignSummary) -> str:
     """Return words with the unit of a result, if it has one."""
     units = {f"{MARGIN}{each.name}": each.unit for each in reversed(summary.expectations)} | {FORCE: "N"}
     return label_of(words, {words: units.get(column, "")})
-
-
-def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:
-    span = f"{significant(index.low_mean, 3)} … {significant(index.high_mean, 3)}"
-    at = with_unit(plain(float(f"{index.at_high:.4g}")), units.get(index.name, ""))
-    return breakable(index.name), _bar(index.first_order), span, at
 
 
 def _bar(share: float) -> Markup:

@@ -173,7 +173,9 @@ class _Search:
         room = self.budget - len(self.margins)
         self._turn += 1
         batch: list[Floats] = []
-        x, f = self._judged()
+        margins = np.array(self.margins)
+        judged = ~np.isnan(margins)
+        x, f = np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(margins[judged])
         if len(f) and np.ptp(f) > 0:  # equal margins give neither a slope nor a spread
             if len(f) >= BATCH:
                 self._surrogate.fit(x, f)
@@ -254,12 +256,6 @@ class _Search:
         low, high = (float(f.min()), float(f.max())) if len(f) else (0.0, 0.0)
         beyond = (high - low) or 1.0
         return np.clip(margins, low - beyond, high + beyond)
-
-    def _judged(self) -> tuple[Floats, Floats]:
-        """Return the points that have a verdict (n, d), and their finite margins (n,)."""
-        f = np.array(self.margins)
-        judged = ~np.isnan(f)
-        return np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(f[judged])
 
     def _skill(self) -> float:
         """Return the share of the variance of the last exploring points that the surrogate had predicted."""

@@ -29,6 +29,10 @@ _ACROSS = 6  # columns of a matrix side by side
 
 def identification_text(result: Identification) -> str:
     """Return the whole result of an identification."""
+    search = (
+        f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
+        f"simulations, {significant(result.seconds, 3)} s"
+    )
     pairs = [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
@@ -42,7 +46,7 @@ def identification_text(result: Identification) -> str:
         _titled("Criteria", _criteria(result)),
         _titled("Fit", _fits(result.experiments, before=True)),
         _titled("Errors by phase", _phases(result.experiments)),
-        _titled("Search", _search(result)),
+        _titled("Search", _wrapped(search, "")),
         _titled("Notes", _bullets(result.notes)),
     ]
     return _joined(sections)
@@ -247,11 +251,3 @@ def _phases(experiments: Sequence[Experiment]) -> list[str]:
             lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
             lines += table(("", "phase", "rms", "largest", "samples"), rows, "llrrr")
     return lines
-
-
-def _search(result: Identification) -> list[str]:
-    return _wrapped(
-        f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
-        f"simulations, {significant(result.seconds, 3)} s",
-        "",
-    )
