@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,14 @@ from numpy.typing import NDArray
 from liftgate_hil.config.parameters import FreeParameter, with_values
 from liftgate_hil.identification.data import Data, Floats, changes_of, is_count, without_end
 from liftgate_hil.identification.initial_condition import InitialCondition, Unknown, beginning_of
-from liftgate_hil.identification.trajectory import (
-    MODELS,
-    OUTPUTS,
-    REST,
-    Item,
-    Result,
-    Start,
-    on_all_cpus,
-    trajectory,
-)
+from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, on_all_cpus, trajectory
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
@@ -37,9 +31,6 @@ LONGEST_DELAY = 0.1  # s, the longest delay that is searched
 _FEW = 2  # samples that an output needs, at least
 _END = 0.2  # share of an experiment that is left out at its end for want of its inputs, at most
 ALL = -1  # `experiment` of an unknown that all experiments share
-
-
-Checks = Callable[[Vehicle], Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,8 @@ class Problem:
     is_delay_sought: bool = False
     speed_window: float = 0.0  # s before a sample, over which a measured speed is averaged
     longest: float = 1e-3  # s, longest step of a simulation
-    refused_by: Checks = lambda vehicle: ()  # a search visits only vehicles with which these find nothing wrong
+    # A search visits only vehicles with which these checks find nothing wrong.
+    refused_by: Callable[[Vehicle], Sequence[str]] = lambda vehicle: ()
     evaluations: int = 0
     beginnings: Sequence[InitialCondition] = ()  # default: estimated from the data
     unknowns: list[Unknown] = field(init=False)
