@@ -11,7 +11,7 @@ import pytest
 
 from liftgate_hil.identification.data import rows_of
 from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.identification import coverage, dc_motor, thesis, versus

@@ -13,10 +13,10 @@ import numpy as np
 
 from liftgate_hil.campaigns.adaptive import Evaluations, Probability, drive, estimate_probability
 from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress
-from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.executors.local import Serial
 from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
+from liftgate_hil.campaigns.space import shares_of
 from liftgate_hil.campaigns.store import Store
 from liftgate_hil.ecu.names import REFERENCE
 from tools.campaign_study.algorithms import ALGORITHMS, Floats, until_failure

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from liftgate_hil.measurement.mapping import ColumnTable, MapTable
-from liftgate_hil.measurement.units import KNOWN, allowed_units
+from liftgate_hil.measurement.mapping import KNOWN, ColumnTable, MapTable, allowed_units
 from tools.docs.markdown import code, page, table
 from tools.docs.schema import key_table
 

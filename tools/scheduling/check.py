@@ -14,9 +14,9 @@ import numpy as np
 
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, batch_size, batches_of
-from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.executors.local import Processes
 from liftgate_hil.campaigns.prepared import Prepared
+from liftgate_hil.campaigns.space import Design
 from liftgate_hil.campaigns.store import Store
 from tools.scheduling.cluster import Passage, local_cluster, passage
 from tools.scheduling.figures import Figures, Rules

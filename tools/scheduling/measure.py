@@ -16,7 +16,6 @@ import numpy as np
 
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.campaign import batches_of
-from liftgate_hil.campaigns.design import Design
 from liftgate_hil.campaigns.evaluation import Row
 from liftgate_hil.campaigns.executors.task import differs
 from liftgate_hil.campaigns.figures import Figures as Found
@@ -26,6 +25,7 @@ from liftgate_hil.campaigns.reporting.report import report
 from liftgate_hil.campaigns.reporting.summary import summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import table_of
+from liftgate_hil.campaigns.space import Design
 from liftgate_hil.campaigns.store import SUFFIX, Store
 from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.version import versions

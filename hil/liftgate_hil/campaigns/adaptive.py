@@ -7,20 +7,18 @@ that is resumed asks for the same variants again and finds them in the store.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.campaign import Campaign, batches_of
-from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.probability.population import LARGEST_FAILING
 from liftgate_hil.campaigns.probability.subset_simulation import SubsetEstimate, subset_simulation
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, numbers_in
 from liftgate_hil.campaigns.search.worst_search import SearchEnd, worst_search
-from liftgate_hil.campaigns.space import Space
+from liftgate_hil.campaigns.space import Space, shares_of
 from liftgate_hil.judging.verdict import FAIL
 
 Ending = TypeVar("Ending")
@@ -49,33 +47,29 @@ class Evaluations:
         self._known: dict[str, float] = {}
         self.history: list[Evaluated] = []
 
-    @property
-    def _base(self) -> Base:
-        return self._campaign.base
-
     def margins(self, values: Floats) -> Floats:
         """Return the margins (n,) of variants with values (n, d); NaN: none. Raises as `Campaign.evaluate`.
 
         A failure with a margin of 0 is given as the largest negative number, as a negative margin is a failure for
         the algorithms.
         """
-        names = [self._base.variant(each) for each in values.tolist()]
+        names = [self._campaign.base.variant(each) for each in values.tolist()]
         first = {name: place for place, name in reversed(list(enumerate(names))) if name not in self._known}
         new = values[sorted(first.values())]
         if len(new):
             size = max(1, -(-len(new) // self._campaign.executor.workers))
-            batches = batches_of(self._base, new, size)
+            batches = batches_of(self._campaign.base, new, size)
             self._campaign.asked += batches
             self._campaign.evaluate(batches)
             for table, part in zip(self._campaign.tables(batches), batches, strict=True):
                 failed = [each == FAIL for each in table[f"{JUDGED}{self._expectation}"].to_pylist()]
-                self._note(part.values, numbers_in(table, f"{MARGIN}{self._expectation}"), failed)
+                margins = numbers_in(table, f"{MARGIN}{self._expectation}").tolist()
+                for row, margin, fails in zip(part.values.tolist(), margins, failed, strict=True):
+                    self._known[self._campaign.base.variant(row)] = (
+                        min(margin, LARGEST_FAILING) if fails else margin
+                    )
+                    self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1, fails))
         return np.array([self._known[name] for name in names])
-
-    def _note(self, values: Floats, margins: Floats, failed: Sequence[bool]) -> None:
-        for row, margin, fails in zip(values.tolist(), margins.tolist(), failed, strict=True):
-            self._known[self._base.variant(row)] = min(margin, LARGEST_FAILING) if fails else margin
-            self.history.append(Evaluated(tuple(row), margin, len(self.history) + 1, fails))
 
 
 def drive(
@@ -138,18 +132,14 @@ def estimate_probability(
         asked.append(normal)
         return space.values(share_below(normal))
 
-    drive(worst_search(_levels_within(space), searching, seed), noted, evaluations)
+    continuous = (0,) * len(space.targets)  # within the reach of a normal variable a grid's values differ in width
+    drive(worst_search(continuous, searching, seed), noted, evaluations)
     normal = np.concatenate(asked)
     margins = evaluations.margins(space.values(share_below(normal)))
     pockets = pockets_of(normal[margins < 0.0])
     steps = subset_simulation(len(space.targets), seed, pockets, budget - searching)
     estimate = drive(steps, lambda points: space.values(share_below(points)), evaluations)
     return Probability(estimate, pockets, searching)
-
-
-def _levels_within(space: Space) -> tuple[int, ...]:
-    """Return zeros: between the reaches of a normal variable, values of a grid are not equally wide."""
-    return (0,) * len(space.targets)
 
 
 def share_below(points: Floats) -> Floats:

@@ -34,8 +34,8 @@ class Base:
     ecu: Mapping[str, Any]  # identity of the ECU, by its content
     margin_units: tuple[str, ...]  # of each expectation; "": none, or several
 
-    def variant(self, values: Sequence[float]) -> str:
-        """Return the name of a variant: the hash of everything that goes into its result."""
+    def variant(self, values: Sequence[float] | Floats) -> str:
+        """Return the name of a variant, or of a batch (n, d): the hash of all that goes into its results."""
         content = bytes.fromhex(self.identity) + np.asarray(values, dtype="<f8").tobytes()
         return hashlib.sha256(content).hexdigest()[:ID_DIGITS]
 
@@ -97,9 +97,3 @@ def base_of(plan: Plan, targets: Sequence[VariedTarget]) -> Base:
 def ecu_of(plan: Plan) -> dict[str, Any]:
     """Return the identity of a plan's ECU by its content: the same library elsewhere is the same ECU."""
     return {name: value for name, value in plan.ecu_identity.items() if name != "path"}
-
-
-def batch_name(base: Base, values: Floats) -> str:
-    """Return the hash of a batch of variants (n, d), by which its results are stored."""
-    content = bytes.fromhex(base.identity) + np.ascontiguousarray(values, dtype="<f8").tobytes()
-    return hashlib.sha256(content).hexdigest()[:ID_DIGITS]

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from liftgate_hil.campaigns.base import Base, batch_name
-from liftgate_hil.campaigns.design import Design
+from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.executors.executor import Batch, Executor
 from liftgate_hil.campaigns.results import VARIANT, columns_of
+from liftgate_hil.campaigns.space import Design
 from liftgate_hil.campaigns.store import Store, StoreError
 
 if TYPE_CHECKING:
@@ -138,18 +138,14 @@ class Campaign:
         self.tell(self.progress)
 
 
-def batches_of(base: Base, values: Floats, size: int) -> list[Batch]:
-    """Return variants (n, d) in batches of a size."""
-    return _batches(base, lambda first: values[first : first + size], len(values), size)
+def batches_of(base: Base, source: Floats | Design, size: int) -> list[Batch]:
+    """Return variants (n, d), or those of a design, in batches of a size."""
+    count = source.count if isinstance(source, Design) else len(source)
 
+    def values(first: int) -> Floats:
+        return source.values(first, size) if isinstance(source, Design) else source[first : first + size]
 
-def batches_in(base: Base, design: Design, size: int) -> list[Batch]:
-    """Return the variants of a design in batches of a size."""
-    return _batches(base, lambda first: design.values(first, size), design.count, size)
-
-
-def _batches(base: Base, values: Callable[[int], Floats], count: int, size: int) -> list[Batch]:
     return [
-        Batch(batch_name(base, values(first)), min(size, count - first), partial(values, first))
+        Batch(base.variant(values(first)), min(size, count - first), partial(values, first))
         for first in range(0, count, size)
     ]

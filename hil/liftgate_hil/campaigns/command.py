@@ -1,13 +1,16 @@
-"""Campaign from its request, or the parts of a campaign file: `liftgate_hil.campaign`."""
+"""Campaign from its request, or the parts of a campaign file, with one report: `liftgate_hil.campaign`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from liftgate_hil.campaigns.file import is_campaign_file, read_campaign_file
-from liftgate_hil.campaigns.parts import is_complete, run_parts
+from liftgate_hil.campaigns.file import CampaignFile, is_campaign_file, read_campaign_file
+from liftgate_hil.campaigns.folder import REPORT, Folder
+from liftgate_hil.campaigns.prepared import inputs_of, prepared, units_of
+from liftgate_hil.campaigns.reporting.combined import PartResult, combined_report
+from liftgate_hil.campaigns.reporting.summary import CampaignSummary
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import arrow
 from liftgate_hil.campaigns.run import (
@@ -16,11 +19,66 @@ from liftgate_hil.campaigns.run import (
     CampaignOutcome,
     CampaignPlaces,
     CampaignWatcher,
+    choice_of,
     run_campaign,
 )
 from liftgate_hil.config.described import command
 from liftgate_hil.described_result import DescribedResult, Shown
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.report.provenance import Provenance, provenance_of
+
+
+def run_parts(
+    file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
+) -> list[CampaignOutcome]:
+    """Run the parts of a campaign file, and write the report of all.
+
+    After a stop the last outcome is not complete, and there are no later ones. Raises as `run_campaign`.
+    """
+    folder = Folder(places.output)
+    if folder.has_campaign:
+        raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder")
+    inputs = [file.path]
+    for part in file.parts:  # all, before the first has run for hours
+        inputs += inputs_of(prepared(part.request))
+    folder.create()
+    found: list[CampaignOutcome] = []
+    with folder.claimed():
+        folder.make_way([REPORT], inputs, watcher.say)
+        for part in file.parts:
+            own = Folder(places.output / part.name)
+            # A part that has not begun yet begins; the others go on.
+            is_resumed = places.is_resumed and own.has_campaign
+            there = replace(places, output=own.path, is_resumed=is_resumed)
+            if places.store:
+                there = replace(there, store=f"{places.store.rstrip('/')}/{part.name}")
+            found.append(run_campaign(part.request, there, provenance, watcher))
+            if not found[-1].is_complete:
+                break
+        results = [
+            _result_of(part.title, each, each.summary)
+            for part, each in zip(file.parts, found, strict=False)
+            if each.summary is not None
+        ]
+        if results:
+            is_whole = len(found) == len(file.parts)
+            ecu = str(file.parts[0].request.ecu)  # the flag applies to all parts
+            html = combined_report(file.title, file.description, results, provenance, is_whole, ecu)
+            folder.write(REPORT, html.encode())
+        folder.tidy()
+    return found
+
+
+def _result_of(title: str, outcome: CampaignOutcome, summary: CampaignSummary) -> PartResult:
+    return PartResult(
+        title,
+        summary,
+        units_of(outcome.prepared),
+        str(outcome.folder.path),
+        outcome.prepared.plan.setup.scenario.description,
+        outcome.is_complete,
+        choice_of(outcome.prepared),
+    )
 
 
 # fmt: off
@@ -70,5 +128,5 @@ def campaigned(
         return CampaignResult((outcome,), False, places.output, outcome.is_complete)
     file = read_campaign_file(str(request.scenario), request)
     found = run_parts(file, places, provenance, watcher)
-    outcomes = tuple(each.outcome for each in found)
-    return CampaignResult(outcomes, True, places.output, is_complete(found, file))
+    is_complete = len(found) == len(file.parts) and all(each.is_complete for each in found)
+    return CampaignResult(tuple(found), True, places.output, is_complete)

@@ -1,4 +1,4 @@
-"""Distributions of a varied value, by their quantile functions."""
+"""Distributions of a varied value, by their quantile functions; the interval of a share."""
 
 from __future__ import annotations
 
@@ -43,10 +43,6 @@ def _triangular(u: Floats, low: float, mode: float, high: float) -> Floats:
     return np.where(u < share, rising, falling)
 
 
-def _integer(u: Floats, low: float, high: float) -> Floats:
-    return low + np.minimum(np.floor(u * (high - low + 1.0)), high - low)
-
-
 FAMILIES: Mapping[str, Family] = {
     "uniform": Family(
         "low, high", "low < high", lambda low, high: low < high, lambda u, low, high: low + u * (high - low)
@@ -76,7 +72,7 @@ FAMILIES: Mapping[str, Family] = {
         "low, high",
         f"whole numbers, low < high, up to {SEED.high} of them",
         lambda low, high: low % 1.0 == high % 1.0 == 0.0 and 0.0 < high - low < SEED.high,
-        _integer,
+        lambda u, low, high: low + np.minimum(np.floor(u * (high - low + 1.0)), high - low),
     ),
 }
 
@@ -122,3 +118,12 @@ def distribution_of(text: str, called: str) -> Distribution:
             f"{called}: {text.strip()}: allowed: {match[1]}({family.arguments}) with {family.allowed}"
         )
     return Distribution(match[1], given)
+
+
+def clopper_pearson(failed: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share after Clopper and Pearson (1934); `count` is 1 or more."""
+    from scipy.special import betaincinv  # scipy.stats takes three times as long to import
+
+    low = float(betaincinv(failed, count - failed + 1, 0.025)) if failed else 0.0
+    high = float(betaincinv(failed + 1, count - failed, 0.975)) if failed < count else 1.0
+    return low, high

@@ -9,16 +9,18 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from liftgate_hil.campaigns.base import Base, ecu_of
 from liftgate_hil.campaigns.figures import NO_FIGURES, Figures, FigureSink
-from liftgate_hil.campaigns.vehicles import Vehicles
+from liftgate_hil.campaigns.space import VariedTarget
 from liftgate_hil.conditions.evaluator import work_for
-from liftgate_hil.config.settings import settings_of
-from liftgate_hil.config.vehicle import VehicleFile
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, FreeParameter, keys_of, with_value
+from liftgate_hil.config.settings import Setting, settings_of
+from liftgate_hil.config.variant import Variant
+from liftgate_hil.config.vehicle import VehicleFile, issues_with
 from liftgate_hil.drive.run_plan import adapter_of, judge_of
 from liftgate_hil.drive.start import SharedStarts, reference_copied, started
 from liftgate_hil.ecu.adapter import Adapter
@@ -35,8 +37,77 @@ from liftgate_hil.loop.tick import copied
 from liftgate_hil.plan.plan import Plan, plan_of
 from liftgate_hil.plan.setup import scenario_of, variant_of
 from liftgate_plant.coding import Coding
+from liftgate_plant.vehicle import Vehicle
 
 GROUP = 32  # variants that are prepared together; with 16 the rest of the time is 2 % of the run's more
+
+
+class Vehicles:
+    """Makes the vehicles of variants from one file; the last one is kept for the next variant.
+
+    A number of the body, or one of a drive that the file gives for both drives alike, is put into the loaded
+    vehicle; the loader reads the whole content again for everything else, and for what it would refuse.
+    """
+
+    def __init__(self, file: VehicleFile, targets: Sequence[VariedTarget]) -> None:
+        self._file = file
+        self._parameters = _parameters_of(file, targets)
+        self._base: tuple[Any, Vehicle] | None = None  # what the base was loaded for, and the base
+        self._last: tuple[Any, Vehicle] | None = None
+
+    def vehicle(self, fixed: Sequence[Setting], varied: Sequence[Setting], variant: Variant) -> Vehicle:
+        """Return the vehicle with settings that are fixed and settings that vary. Raises ConfigError."""
+        key = (list(fixed), list(varied), variant)
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._made(fixed, varied, variant)
+        return self._last[1]
+
+    def _parameter_for(self, setting: Setting) -> FreeParameter | None:
+        """Return the parameter that a setting's value is put into; None: the loader has to see it."""
+        parameter = self._parameters.get(setting.key)
+        if parameter is None or not isinstance(setting.value, int | float):
+            return None
+        return parameter if parameter.quantity.allows(setting.value) else None
+
+    def _made(self, fixed: Sequence[Setting], varied: Sequence[Setting], variant: Variant) -> Vehicle:
+        found = [self._parameter_for(each) for each in varied]
+        if variant.draw is None and all(found):
+            key = (list(fixed), variant)
+            if self._base is None or self._base[0] != key:
+                self._base = key, self._file.vehicle(fixed, variant)
+            vehicle = self._base[1]
+            for parameter, setting in zip(found, varied, strict=True):
+                assert parameter is not None
+                vehicle = with_value(vehicle, parameter, float(setting.value))
+            if not issues_with(vehicle):
+                return vehicle
+        return self._file.vehicle([*fixed, *varied], variant)
+
+
+def _parameters_of(file: VehicleFile, targets: Sequence[VariedTarget]) -> Mapping[str, FreeParameter]:
+    """Return the parameters by key of those numbers that can be put into a loaded vehicle."""
+    found: dict[str, FreeParameter] = {}
+    sides: tuple[str, ...]
+    for each in targets:
+        names = each.key.split(".")
+        if each.quantity is None or each.point is not None or len(names) != 2:
+            continue
+        table, key = names
+        is_own = any(key in _table(file.raw, side, table) for side in SIDES)
+        if table in BODY_TABLES:
+            field, sides = keys_of(BODY_TABLES[table])[key].field, ()
+        elif table in DRIVE_TABLES and not is_own:
+            field, sides = keys_of(DRIVE_TABLES[table])[key].field, SIDES
+        else:
+            continue
+        found[each.key] = FreeParameter(each.key, sides, table, field, -1, each.quantity)
+    return found
+
+
+def _table(raw: Mapping[str, Any], side: str, table: str) -> Mapping[str, Any]:
+    own = raw.get(side)
+    inner = own.get(table) if isinstance(own, dict) else None
+    return inner if isinstance(inner, dict) else {}
 
 
 class Row(NamedTuple):
@@ -64,16 +135,22 @@ class _Ecu(NamedTuple):
     state: NodeState
 
 
+class _Ready(NamedTuple):
+    """A variant before its first tick."""
+
+    plan: Plan
+    adapter: Adapter
+    start: LoopStart  # at time 0, as is the state of the ECU
+    node: NodeState
+
+
 @dataclass
 class _Trial:
     """A variant on its way from its values to its row."""
 
     began: float
-    plan: Plan | None = None
     judge: Judge | None = None
-    adapter: Adapter | None = None
-    start: LoopStart | None = None  # at time 0, as is the state of the ECU
-    node: NodeState | None = None
+    ready: _Ready | None = None  # None: it is over
     figures: Figures = NO_FIGURES
     stack: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # closes a user's ECU
     given_up: str = ""
@@ -144,12 +221,12 @@ class Evaluator:
         """Return a variant before its first tick; it is over already where it has an error."""
         trial = _Trial(began=time.perf_counter())
         try:
-            trial.plan = plan = self.plan(values)
+            plan = self.plan(values)
             trial.judge = judge_of(plan, self._work)
-            trial.adapter = adapter = self.adapter_of(plan, trial.stack)
+            adapter = self.adapter_of(plan, trial.stack)
             # This plan is run once: its stimuli need no copy.
-            trial.start = started(plan, adapter, plan.stimuli, stopped, self.memory, self._starts)
-            trial.node = adapter.state
+            start = started(plan, adapter, plan.stimuli, stopped, self.memory, self._starts)
+            trial.ready = _Ready(plan, adapter, start, adapter.state)
         except PreconditionError as failure:
             trial.given_up = str(failure)
         except LiftgateError as failure:
@@ -159,23 +236,21 @@ class Evaluator:
 
     def _run(self, trial: _Trial, stopped: Callable[[], bool]) -> None:
         """Run a variant as `EpisodeDriver` does, without recordings."""
-        plan, adapter, judge = trial.plan, trial.adapter, trial.judge
-        if trial.error or trial.given_up or plan is None or adapter is None:
+        if trial.ready is None:
             return
-        began = time.perf_counter()
-        assert trial.start is not None
-        assert trial.node is not None
+        began, judge = time.perf_counter(), trial.judge
+        plan, adapter, start, node = trial.ready
         assert plan.ticks is not None
         sinks: list[Sink] = [self._figures] if judge is None else [self._figures, judge]
         self._figures.begins_anew()
         self.reset()
-        adapter.state = trial.node
+        adapter.state = node
         is_recorded = judge is not None and judge.reads_the_bus
         try:
             with trial.stack:
                 if adapter.kind == PORT:
                     trial.stack.enter_context(foreign_code(self.memory))
-                episode = Episode(trial.start, adapter, sinks, is_recorded, self.memory)
+                episode = Episode(start, adapter, sinks, is_recorded, self.memory)
                 episode.complete(plan.ticks, stopped)
         except LiftgateError as failure:
             trial.error = "; ".join(causes(failure))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.described_result import Shown
 from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.signals import COLUMN_PLACE
 
@@ -19,14 +20,14 @@ class Figures(NamedTuple):
     Those of a pinch are of the contact with the largest force; see `report.pinch`.
     """
 
-    peak_pinch_force_n: float  # N, 0: nothing was pinched
-    reversal_time_s: float  # s, from the first touch to where the gate turned
-    reversal_distance_deg: float  # deg, by which the gate went on after the first touch
-    peak_current_a: float  # A, of either motor, without its sign
-    contact_angle_deg: float  # deg, gate angle at the first touch
-    current_rise_a: float  # A, of the motor whose current rose most from the first touch to the turn
-    pinch_impulse_ns: float  # N s, of the last contact
-    over_limit_s: float  # s, longest time of a contact above the vehicle's gate.pinch_limit
+    peak_pinch_force_n: Annotated[float, Shown("N, largest pinch force; 0: nothing was pinched")]
+    reversal_time_s: Annotated[float, Shown("s, from the first touch to where the gate turned; null: it did not")]
+    reversal_distance_deg: Annotated[float, Shown("deg, by which the gate went on after the first touch")]
+    peak_current_a: Annotated[float, Shown("A, largest current of either motor")]
+    contact_angle_deg: Annotated[float, Shown("deg, gate angle at the first touch")]
+    current_rise_a: Annotated[float, Shown("A, rise of a motor's current from the first touch to the turn")]
+    pinch_impulse_ns: Annotated[float, Shown("N s, impulse of the last contact")]
+    over_limit_s: Annotated[float, Shown("s, longest time of a contact above the vehicle's gate.pinch_limit")]
 
 
 NO_FIGURES = Figures(*(math.nan,) * len(Figures._fields))

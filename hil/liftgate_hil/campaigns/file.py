@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -123,7 +122,9 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
     if part.name.casefold() in map(str.casefold, OWN):
         issues.add(f"{key}.name", f"{show(part.name)}: a campaign's own file; allowed: another name")
     beside = path.parent / part.scenario
-    vary = tuple(_replaced(each, template.vary) for each in part.vary)
+    # What is given in place of what the file varies of the same name.
+    given = {_name(each): each for each in reversed(template.vary)}
+    vary = tuple(given.get(_name(each), each) for each in part.vary)
     has_samples = any("~" in each or each.strip() == COVARIANCE for each in vary)
     samples = (template.samples or part.samples) if has_samples else 0
     request = template.replaced(
@@ -133,11 +134,6 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
         method=template.method or part.method,
     )
     return NamedCampaign(part.name, part.title or part.name, request)
-
-
-def _replaced(text: str, given: Sequence[str]) -> str:
-    """Return the text of `given` that varies the same name; without one, the text itself."""
-    return next((each for each in given if _name(each) == _name(text)), text)
 
 
 def _name(text: str) -> str:

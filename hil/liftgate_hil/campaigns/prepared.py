@@ -1,20 +1,23 @@
-"""Preparation of a campaign from its request: base, space and first plan, its files loaded and checked."""
+"""Preparation of a campaign from its request, whose files are loaded and checked, and its resumption."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.campaigns.base import Base, base_of
-from liftgate_hil.campaigns.design import Design
+from liftgate_hil.campaigns.folder import MANIFEST, Folder
 from liftgate_hil.campaigns.request import DEFAULT_METHOD, DESIGN, PROBABILITY, CampaignRequest
 from liftgate_hil.campaigns.results import check_columns
-from liftgate_hil.campaigns.space import DRAW, Space, space_of
+from liftgate_hil.campaigns.space import DRAW, Design, Space, space_of
 from liftgate_hil.config.parameter_units import parameter_units
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.vehicle import VehicleFile, read_vehicle
+from liftgate_hil.described_result import Shown
 from liftgate_hil.ecu.find import check_ecu
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.ecu.names import ON_A_BUS
@@ -47,9 +50,14 @@ def prepared(request: CampaignRequest) -> Prepared:
     if plan.ticks is None:
         raise ConfigError(f"{request.scenario}: duration: missing; allowed: in the scenario, or `duration`")
     assert isinstance(job.request.vehicle, VehicleFile)  # see _job_of
-    content = job.request.vehicle.raw
-    space = space_of(request.vary, _parameters_of(job, plan), plan.setup.vehicle, content)
-    _check_once(request, space)
+    assert isinstance(job.request.scenario, ScenarioFile)
+    units = parameter_units(part.raw for part in job.request.scenario.parts)
+    parameters = {name: units.get(name, "") for name in plan.setup.scenario.parameters}
+    space = space_of(request.vary, parameters, plan.setup.vehicle, job.request.vehicle.raw)
+    given = {*request.parameter_values, *(each.partition("=")[0].strip() for each in request.settings)}
+    given |= {name for name, value in (("seed", request.seed), ("draw", request.draw)) if value is not None}
+    if twice := [name for name in space.names if name in given]:
+        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
     if request.ideal and any(each.kind == DRAW for each in space.targets):
         raise ConfigError("`vary` draw: allowed without `ideal`, which has no spread")
     base = base_of(plan, space.targets)
@@ -59,15 +67,11 @@ def prepared(request: CampaignRequest) -> Prepared:
         design = Design(space, request.samples or 0, request.method or DEFAULT_METHOD, request.sampling_seed)
     else:
         check_expectation(request, base, {each.name: each for each in plan.setup.scenario.expectations})
-    against = _against(request, base) if request.against else None
+    against = None
+    if request.against:
+        ecu, mutant = ecu_of(str(request.against), "against")
+        against = base_of(plan_of(replace(job.asking(ecu=ecu), mutant=mutant)), base.targets)
     return Prepared(request, base, space, plan, design, against)
-
-
-def _parameters_of(job: Job, plan: Plan) -> dict[str, str]:
-    """Return the parameters of the scenario with their units; "": unknown."""
-    assert isinstance(job.request.scenario, ScenarioFile)  # see _job_of
-    units = parameter_units(part.raw for part in job.request.scenario.parts)
-    return {name: units.get(name, "") for name in plan.setup.scenario.parameters}
 
 
 def units_of(found: Prepared) -> dict[str, str]:
@@ -78,16 +82,6 @@ def units_of(found: Prepared) -> dict[str, str]:
 def inputs_of(found: Prepared) -> list[Path]:
     """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
     return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against or "")])]
-
-
-def _check_once(request: CampaignRequest, space: Space) -> None:
-    """Raise ConfigError where something is both varied and given."""
-    given = {*request.parameter_values, *(each.partition("=")[0].strip() for each in request.settings)}
-    given |= {"seed"} if request.seed is not None else set()
-    given |= {"draw"} if request.draw is not None else set()
-    twice = [name for name in space.names if name in given]
-    if twice:
-        raise ConfigError(f"`vary` {', '.join(twice)}: varied, and given by another flag; allowed: one of the two")
 
 
 def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:
@@ -103,12 +97,6 @@ def check_expectation(request: CampaignRequest, base: Base, expectations: Mappin
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: together with `vary`")
     if request.kind == PROBABILITY and 0 < (request.evaluations or 0) < LEAST_OF_A_PROBABILITY:
         raise ConfigError(f"`evaluations` {request.evaluations}: allowed: {LEAST_OF_A_PROBABILITY} or more")
-
-
-def _against(request: CampaignRequest, base: Base) -> Base:
-    """Return the base of the other ECU, for the same values. Raises ConfigError."""
-    ecu, mutant = ecu_of(str(request.against), "against")
-    return base_of(plan_of(replace(base.job.asking(ecu=ecu), mutant=mutant)), base.targets)
 
 
 def _job_of(request: CampaignRequest) -> Job:
@@ -154,3 +142,54 @@ def absolute(request: CampaignRequest) -> CampaignRequest:
 
     names = ("scenario", "vehicle", "rig", "ecu", "against")
     return request.replaced(**{name: whole(getattr(request, name)) for name in names})
+
+
+class Pace(NamedTuple):
+    """Numbers from which the sizes of batches follow; a campaign that goes on has those that it began with."""
+
+    seconds_each: Annotated[
+        float, Shown("time that a variant took in a trial before [s], from which batches are sized")
+    ]
+    workers: Annotated[int, Shown("number of workers")]
+
+
+def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | None:
+    """Return the pace of the campaign in a folder; None: there is none yet.
+
+    Raises ConfigError where the folder has another campaign, or is not to be resumed.
+    """
+    if not folder.has_campaign:
+        return None
+    if not is_resumed:
+        raise ConfigError(f"`output` {folder.path}: has a campaign; allowed: another folder, or `resume`")
+    before = folder.manifest()
+    wrong = differences(before, found)
+    if wrong:
+        raise ConfigError(
+            f"`resume` {folder.path}: {', '.join(wrong)}: not as the campaign began; allowed: the same files, "
+            "versions and arguments"
+        )
+    seconds, workers = before.get("seconds_each"), before.get("workers")
+    is_pace = isinstance(seconds, float) and 0.0 < seconds < math.inf and type(workers) is int and workers > 0
+    if not is_pace:
+        raise ConfigError(
+            f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"
+        )
+    return Pace(before["seconds_each"], before["workers"])
+
+
+def differences(before: dict[str, Any], found: Prepared) -> list[str]:
+    """Return the files, packages and arguments that differ; empty: it is the same campaign."""
+    files, known, theirs = (_table(before.get(name)) for name in ("files", "versions", "request"))
+    sources = found.plan.sources
+    wrong = [name for name, each in sources.items() if _table(files.get(name)).get("sha256") != each.sha256]
+    wrong += [name for name, each in found.base.versions.items() if known.get(name) != each]
+    own = found.request.kept()
+    wrong += [name for name, each in own.items() if theirs.get(name) != each]
+    if not wrong and before.get("identity") != found.base.identity:
+        wrong.append("a file that the scenario names")
+    return wrong
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.campaigns.folder import OWN, Folder
-from liftgate_hil.campaigns.prepared import prepared
+from liftgate_hil.campaigns.prepared import differences, prepared
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT
-from liftgate_hil.campaigns.resumption import differences
 from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import ConfigError
@@ -57,7 +56,7 @@ def replayed(
     wrong = [
         f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"
         for name, each in seen.items()
-        if not _is_same(each, row.get(name))
+        if (None if isinstance(each, float) and math.isnan(each) else each) != row.get(name)
     ]
     values_text = ", ".join(
         f"{each.name} = {value:.12g}" for each, value in zip(found.base.targets, values, strict=True)
@@ -86,12 +85,6 @@ def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
         margins[f"{MARGIN}{name}"] = each.margin if is_known and each is not None else None
     figures = figures_of(result.trace)._asdict() if result.verdict != ERROR else {}
     return {VERDICT: result.verdict, **margins, **figures}
-
-
-def _is_same(one: Any, other: Any) -> bool:
-    if isinstance(one, float) and math.isnan(one):
-        one = None
-    return bool(one == other)
 
 
 def _shown(value: Any) -> str:

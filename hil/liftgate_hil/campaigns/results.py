@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -13,8 +12,9 @@ import numpy as np
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.evaluation import Row
 from liftgate_hil.campaigns.figures import Figures
-from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
+from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN
 from liftgate_hil.campaigns.store import StoreError, reason_of
+from liftgate_hil.described_result import keys_of
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 VARIANT, VERDICT, WALL, ERROR = "variant", "verdict", "wall_s", "error"
 MARGIN = "margin."  # prefix of the columns of margins
 JUDGED = "verdict."  # the same of the expectations' verdicts
-MISSING = "campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed"
 
 
 def columns_of(base: Base) -> tuple[str, ...]:
@@ -49,7 +48,7 @@ def arrow() -> Any:
         import pyarrow as pa
         import pyarrow.parquet as _  # noqa: F401
     except ImportError:
-        raise ConfigError(MISSING) from None
+        raise ConfigError("campaigns need pyarrow; allowed: with liftgate-hil[campaign] installed") from None
     return pa
 
 
@@ -70,8 +69,7 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
         len(rows), len(base.expectations)
     )
     figures = np.array([each.figures for each in rows], dtype=np.float64).reshape(len(rows), len(Figures._fields))
-    found: dict[str, Any] = {VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string())}
-    found |= {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+    found = _variants(base, values)
     found[VERDICT] = pa.array([each.verdict for each in rows], pa.string())
     for k, name in enumerate(base.expectations):
         found[f"{JUDGED}{name}"] = pa.array([each.verdicts[k] for each in rows], pa.string())
@@ -82,15 +80,19 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
     return pa.table(found)
 
 
+def _variants(base: Base, values: Floats) -> dict[str, pa.Array]:
+    """Return the columns that say which variants (n, d) they are."""
+    names = arrow().array([base.variant(each) for each in values.tolist()], arrow().string())
+    return {VARIANT: names} | {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
+
+
 def without_results(base: Base, values: Floats, error: str) -> pa.Table:
     """Return the table of variants with values (n, d) that were not evaluated, with the error that says so."""
     pa = arrow()
     none = table_of(base, values[:0], [])
     count = len(values)
-    varied = {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
     known: dict[str, Any] = {
-        VARIANT: pa.array([base.variant(each) for each in values.tolist()], pa.string()),
-        **varied,
+        **_variants(base, values),
         VERDICT: pa.repeat(pa.scalar("error"), count),
         ERROR: pa.repeat(pa.scalar(error), count),
     }
@@ -101,30 +103,6 @@ def without_results(base: Base, values: Floats, error: str) -> pa.Table:
 def _numbers(values: Floats) -> Any:
     """Return numbers (n,) as an Arrow array in which NaN is null."""
     return arrow().array(np.ascontiguousarray(values), from_pandas=True)
-
-
-def rows_of(base: Base, table: pa.Table) -> list[Row]:
-    """Return the rows of a table, as `table_of` was given them."""
-    margins = [_list(table, f"{MARGIN}{name}") for name in base.expectations]
-    judged = [table[f"{JUDGED}{name}"].to_pylist() for name in base.expectations]
-    figures = [_list(table, name) for name in Figures._fields]
-    verdicts, errors = table[VERDICT].to_pylist(), table[ERROR].to_pylist()
-    walls = _list(table, WALL)
-    return [
-        Row(
-            verdicts[k],
-            tuple(each[k] for each in margins),
-            Figures(*(each[k] for each in figures)),
-            walls[k],
-            errors[k] or "",
-            tuple(each[k] for each in judged),
-        )
-        for k in range(table.num_rows)
-    ]
-
-
-def _list(table: pa.Table, name: str) -> list[float]:
-    return [math.nan if each is None else float(each) for each in table[name].to_pylist()]
 
 
 def numbers_in(table: pa.Table, name: str) -> Floats:
@@ -139,14 +117,11 @@ _KINDS = {
 }  # fmt: skip
 
 
-def _meaning_of(target: VariedTarget) -> str:
-    unit = f"{target.unit}, " if target.unit else ""
-    return f"{unit}varied: {_KINDS[target.kind]}"
-
-
 def description_of(base: Base) -> Mapping[str, str]:
     """Return the meaning of each column."""
-    varied = {each.name: _meaning_of(each) for each in base.targets}
+    varied = {
+        each.name: f"{each.unit}{', ' if each.unit else ''}varied: {_KINDS[each.kind]}" for each in base.targets
+    }
     judged = {f"{JUDGED}{name}": f"verdict on the expectation {name!r}" for name in base.expectations}
     margins = {
         f"{MARGIN}{name}": f"margin of the expectation {name!r}, 0 or negative where it failed; null: it has none"
@@ -158,14 +133,7 @@ def description_of(base: Base) -> Mapping[str, str]:
         VERDICT: "pass, inconclusive, fail or error: the worst of the expectations",
         **judged,
         **margins,
-        "peak_pinch_force_n": "N, largest pinch force; 0: nothing was pinched",
-        "reversal_time_s": "s, from the first touch to where the gate turned; null: it did not",
-        "reversal_distance_deg": "deg, by which the gate went on after the first touch",
-        "peak_current_a": "A, largest current of either motor",
-        "contact_angle_deg": "deg, gate angle at the first touch",
-        "current_rise_a": "A, rise of a motor's current from the first touch to the turn",
-        "pinch_impulse_ns": "N s, impulse of the last contact",
-        "over_limit_s": "s, longest time of a contact above the vehicle's gate.pinch_limit",
+        **keys_of(Figures),
         WALL: "s, time that the variant took; differs from run to run",
         ERROR: "why there is no result; null: there is one",
     }

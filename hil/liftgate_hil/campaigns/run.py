@@ -15,14 +15,13 @@ from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, Campaign
 from liftgate_hil.campaigns.executors.executor import Executor
 from liftgate_hil.campaigns.executors.local import local_executor
 from liftgate_hil.campaigns.folder import BATCHES, DATA, OWN, REPORT, RESULTS, Folder, data_text
-from liftgate_hil.campaigns.prepared import Prepared, absolute, inputs_of, prepared, units_of
+from liftgate_hil.campaigns.prepared import Pace, Prepared, absolute, inputs_of, pace_before, prepared, units_of
 from liftgate_hil.campaigns.reporting.report import Choice, incomplete, report
 from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import VERDICT
-from liftgate_hil.campaigns.resumption import Pace, pace_before
+from liftgate_hil.campaigns.stages import tried
 from liftgate_hil.campaigns.store import Store
-from liftgate_hil.campaigns.trial import tried
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.force_limits import force_limits_of
@@ -167,9 +166,12 @@ def _run(
     if is_complete:
         store.tidy(folder.ended)
     spent = time.monotonic() - began
-    outcome = CampaignOutcome(
-        found, folder, campaign.progress, spent, is_complete, counts, analysis, _summary(found, folder, counts)
-    )
+    summary = None
+    if counts:
+        base, expectation = found.base, found.request.expectation
+        given = base.expectations, expectation, base.margin_units, force_limit_of(found)
+        summary = summary_of(folder.path / RESULTS, found.space.names, *given)
+    outcome = CampaignOutcome(found, folder, campaign.progress, spent, is_complete, counts, analysis, summary)
     if outcome.summary is not None:
         _report(outcome, provenance)
     _note(folder, found, pace, provenance, outcome.figures.to_dict())  # at last, as it says whether all is there
@@ -192,20 +194,6 @@ def _counted(tables: Iterator[pa.Table], counts: dict[str, int]) -> Iterator[pa.
         for each in table[VERDICT].value_counts().to_pylist():
             counts[each["values"]] = counts.get(each["values"], 0) + each["counts"]
         yield table
-
-
-def _summary(found: Prepared, folder: Folder, counts: dict[str, int]) -> CampaignSummary | None:
-    if not counts:
-        return None
-    path, request = folder.path / RESULTS, found.request
-    return summary_of(
-        path,
-        found.space.names,
-        found.base.expectations,
-        request.expectation,
-        found.base.margin_units,
-        force_limit_of(found),
-    )
 
 
 def force_limit_of(found: Prepared) -> float | None:

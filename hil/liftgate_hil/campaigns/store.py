@@ -106,7 +106,11 @@ class Store:
     def get(self, name: str) -> pa.Table | None:
         """Return the table of a batch; None: it is not there, or its file is damaged. Raises StoreError."""
         try:
-            content = self._read(name + SUFFIX)
+            if self._is_remote:
+                fs, path = self._remote()
+                content = bytes(fs.cat_file(f"{path}/{name}{SUFFIX}"))
+            else:
+                content = (Path(self.address) / f"{name}{SUFFIX}").read_bytes()
         except FileNotFoundError:
             return None
         except Exception as error:
@@ -153,12 +157,6 @@ class Store:
             fs.rm(f"{path}/{name}")
         else:
             (Path(self.address) / name).unlink()
-
-    def _read(self, name: str) -> bytes:
-        if self._is_remote:
-            fs, path = self._remote()
-            return bytes(fs.cat_file(f"{path}/{name}"))
-        return (Path(self.address) / name).read_bytes()
 
     def _write(self, name: str, content: bytes) -> None:
         """Write a file beside its place, and rename it. Raises StoreError."""

@@ -67,7 +67,7 @@ def _identify(call: Call, teller: Teller) -> None:
 
 def _plan(call: Call, teller: Teller) -> None:
     from liftgate_hil.identification.commands import experiments_for, write_plan
-    from liftgate_hil.identification.reporting.plan import plan_text
+    from liftgate_hil.identification.reporting.text import plan_text
 
     issues = ["`plan`: takes no FILE; allowed: one or the other"] if call.values["files"] else []
     issues += [f"`{name}`: not with `plan`" for name in _NOT_PLANNED if call.values[name]]

@@ -1,22 +1,22 @@
-"""The problem of a request: its measurements as data, the outputs to compare, how each begins, and the delay."""
+"""The problem of a request: its measurements as data, outputs to compare, beginnings, delay, free parameters."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 
+from liftgate_hil.config.parameters import find_parameter, same_on_both_sides, value_of
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.config.vehicle import issues_with
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.data import Data, first_sample, rows_of
+from liftgate_hil.identification.data import Data, first_sample, rows_of, thinned
 from liftgate_hil.identification.measurements import measurements_of
 from liftgate_hil.identification.problem import Problem, Sought
-from liftgate_hil.identification.raster import thinned
-from liftgate_hil.identification.request import OUTPUT_KINDS, MeasuredRequest
+from liftgate_hil.identification.request import OUTPUT_KINDS, MeasuredRequest, SoughtChoice, pairs
 from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.plan.setup import angle_from
@@ -26,6 +26,7 @@ from liftgate_plant.vehicle import Vehicle
 _DRIVING = ("voltage_v", "duty", "coast")  # a motor's inputs
 _NEAR_DEG = 5.0  # from a stated angle: more than a sensor is wrong by
 _STILL_RPS, _STILL_SHARE = 2.0, 0.05  # speed, and share of the largest one, up to which a motor counts as at rest
+_LEAST_STD = 1e-100  # of a prior: its weight is the square of the inverse
 
 
 def problem_of(
@@ -63,8 +64,11 @@ def problem_of(
     if not is_the_law(vehicle):
         notes.append(f"{request.vehicle}: the model omits how [friction] varies with travel, runs and age")
     for measurement, each in zip(measurements, data, strict=True):
-        found = (*measurement.notes, *_driven_alike(measurement, vehicle.drives))
-        notes += [f"{measurement.source}: {note}" for note in found]
+        notes += [f"{measurement.source}: {note}" for note in measurement.notes]
+        for side, other in (("left", "right"), ("right", "left")) if vehicle.drives == 2 else ():
+            if not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):  # see `rows_of`
+                alike = f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
+                notes.append(f"{measurement.source}: {alike}")
         if each.decimation is not None:
             steps = [] if request.resample is None else [f"resampled to {request.resample:g} Hz"]
             steps += [f"decimated by {request.decimate} after a low-pass filter"] if request.decimate > 1 else []
@@ -79,13 +83,6 @@ def problem_of(
                 "`initial` gives the angle of a gate that has rested for long"
             )
     return problem, tuple(notes)
-
-
-def _driven_alike(measurement: Measurement, drives: int) -> Iterator[str]:
-    """Yield a note on a motor for which the measurement has no input (see `rows_of`)."""
-    for side, other in (("left", "right"), ("right", "left"))[:drives]:
-        if drives == 2 and not any(f"{side}_{what}" in measurement.columns for what in _DRIVING):
-            yield f"no {side}_voltage_v or {side}_duty: the {side} motor is driven as the {other} one"
 
 
 def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:
@@ -146,6 +143,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, the identification reports it
     kinds = wanted or list(OUTPUT_KINDS)
+    known = ", ".join(kind for kind, names in OUTPUT_KINDS.items() if measured.intersection(names))
     issues = []
     found: list[str] = []
     for kind in kinds:
@@ -156,8 +154,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
         if wanted and not measured.intersection(OUTPUT_KINDS[kind]):
             why = "never changes" if still.intersection(OUTPUT_KINDS[kind]) else "not measured"
             issues.append(
-                f"`outputs` {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
-                f"{' or '.join(OUTPUT_KINDS[kind])}"
+                f"`outputs` {kind}: {why}; allowed: {known}, or a file with {' or '.join(OUTPUT_KINDS[kind])}"
             )
         found += own
     if issues:
@@ -166,10 +163,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
 
 
 def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
-    """Return the measured columns that change, and those that never do.
-
-    A constant column (the Hall counts of a locked rotor) does not show its noise, so it cannot be weighted.
-    """
+    """Return the measured columns that change, and those that never do: they show no noise, and have no weight."""
     measured: set[str] = set()
     moving: set[str] = set()
     for each in data:
@@ -180,10 +174,6 @@ def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
                 if np.ptp(there) > 0.0:
                     moving.add(name)
     return moving, measured - moving
-
-
-def _measured_kinds(measured: set[str]) -> str:
-    return ", ".join(kind for kind, names in OUTPUT_KINDS.items() if measured.intersection(names))
 
 
 def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:
@@ -225,3 +215,52 @@ def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
     if not -0.5 <= value <= 0.5:
         raise ConfigError(f"`input_delay` {text}: allowed: -0.5 to 0.5 s, or estimate")
     return value, False
+
+
+def sought_of(request: SoughtChoice, vehicle: Vehicle, wanted: Sequence[str]) -> list[Sought]:
+    """Return the free parameters, with bounds and priors. Raises ConfigError with all issues."""
+    if not wanted:
+        raise ConfigError("`estimate`: missing; allowed: keys of the vehicle file, or `preset`")
+    bounds = pairs(cast(tuple[str, ...], request.bounds), "bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")
+    priors = pairs(cast(tuple[str, ...], request.prior), "prior", "KEY=MEAN:STD, e.g. motor.resistance=0.7:0.1")
+    issues = []
+    found: dict[str, Sought] = {}
+    for name in wanted:
+        try:
+            parameter = find_parameter(vehicle, name)
+        except ValueError as error:
+            issues.append(f"`estimate` {name}: {error}")
+            continue
+        if name in found:
+            issues.append(f"`estimate` {name}: given twice; allowed: once")
+            continue
+        part = name.partition(".")[2]
+        if name.startswith(("left.", "right.")) and part in wanted:
+            issues.append(f"`estimate` {name}: is part of {part}; allowed: one of them")
+        if not same_on_both_sides(vehicle, parameter):
+            issues.append(f"`estimate` {name}: differs between the drives; allowed: left.{name}, right.{name}")
+        initial, quantity = value_of(vehicle, parameter), parameter.quantity
+        low, high = bounds.pop(name, (quantity.low, quantity.high))
+        if not quantity.low <= low < high <= quantity.high:
+            issues.append(
+                f"`bounds` {name}={low:g}:{high:g}: allowed: {quantity.low:g} to {quantity.high:g} "
+                f"{quantity.unit}, LOW below HIGH"
+            )
+        elif not low <= initial <= high:
+            issues.append(
+                f"`bounds` {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: "
+                "bounds around it, or another initial value by `settings`"
+            )
+        is_known = name in priors
+        mean, std = priors.pop(name, (math.nan, math.inf))
+        if is_known and not (math.isfinite(mean) and _LEAST_STD <= std < math.inf):
+            issues.append(
+                f"`prior` {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation of {_LEAST_STD:g} "
+                "or more"
+            )
+        found[name] = Sought(parameter, initial, low, high, mean, std)
+    issues += [f"`bounds` {name}: not among `estimate`" for name in bounds]
+    issues += [f"`prior` {name}: not among `estimate`" for name in priors]
+    if issues:
+        raise ConfigError(issues)
+    return list(found.values())

@@ -12,12 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.identification.data import Data
-from liftgate_hil.identification.decimation import Decimation
+from liftgate_hil.identification.data import Data, Decimation, Floats
 from liftgate_hil.identification.problem import Problem
 from liftgate_plant.rows import AT
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _SPACING = 5e-3  # s, the longest step that the models tolerate

@@ -1,11 +1,13 @@
-"""The commands `identify` and `validate` as functions, and the plan of experiments."""
+"""The commands `identify` and `validate` as functions, the plan of experiments, and the files they write."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Sequence
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,16 +16,21 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.parameters import find_parameter, with_value
+from liftgate_hil.config.settings import settings_of
+from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import sources_of
+from liftgate_hil.config.toml import read_toml
+from liftgate_hil.config.variant import settings_for
+from liftgate_hil.config.vehicle import vehicle_of, vehicle_text
 from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, NotWrittenError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.target import check_no_input
-from liftgate_hil.identification.assembly import problem_of
+from liftgate_hil.identification.assembly import problem_of, sought_of
 from liftgate_hil.identification.descent import Report
-from liftgate_hil.identification.design import ExperimentPlan, candidates, plan
+from liftgate_hil.identification.design import Candidate, ExperimentPlan, candidates, plan
 from liftgate_hil.identification.fit import NothingToTellError, fitted, validated
-from liftgate_hil.identification.measurements import files_of
+from liftgate_hil.identification.measurements import files_of, inputs_of
 from liftgate_hil.identification.problem import Sought
 from liftgate_hil.identification.reporting.findings import notes_of, with_warnings
 from liftgate_hil.identification.request import (
@@ -37,10 +44,7 @@ from liftgate_hil.identification.request import (
     ValidateRequest,
 )
 from liftgate_hil.identification.result import Identification, Validation
-from liftgate_hil.identification.saved_vehicle import vehicle_text_of
-from liftgate_hil.identification.sought import sought_of
-from liftgate_hil.identification.sources import inputs_of
-from liftgate_hil.plan.setup import vehicle_from
+from liftgate_hil.plan.setup import variant_of, vehicle_from
 from liftgate_hil.report.files import check_targets, put_report, write_report
 from liftgate_hil.report.provenance import provenance_of
 from liftgate_plant.vehicle import Vehicle
@@ -211,23 +215,31 @@ def _written(writers: Sequence[Callable[[], None]]) -> list[str]:
 
 def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> None:
     """Write the inputs of the best sequence, and tell each file. Raises ConfigError, also for one that is read."""
-    from liftgate_hil.identification.reporting.plan import input_csv, input_name
-
     if request.save_inputs is None:
         return
     folder, inputs = Path(request.save_inputs), [*inputs_of(request).values()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for number, each in enumerate(result.order, 1):
-            path = folder / f"{number}-{input_name(each.candidate)}.csv"
+            name = re.sub("[^a-z0-9.+-]+", "-", each.candidate.name.lower())
+            path = folder / f"{number}-{name}.csv"
             check_no_input(path, inputs)
-            put_report(path, input_csv(each.candidate).encode(), say)
+            put_report(path, _input_csv(each.candidate).encode(), say)
             where = (
                 f"from rest at {each.candidate.angle_deg:g} deg, road_slope_deg {each.candidate.road_slope_deg:g}"
             )
             say(f"written: {path}: {where}")
     except OSError as error:
         raise ConfigError(f"`save_inputs` {folder}: {error.strerror}; allowed: a folder") from error
+
+
+def _input_csv(planned: Candidate) -> str:
+    """Return voltage and slope of an experiment as CSV, a row where they change, which holds until the next."""
+    last = len(planned.times) - 1
+    rows = [k for k in range(last + 1) if k in (0, last) or planned.voltage[k] != planned.voltage[k - 1]]
+    slope = f"{planned.road_slope_deg:g}"
+    lines = [f"{planned.times[k]:.9g},{planned.voltage[k]:.9g},{slope}\n" for k in rows]
+    return "time_s,voltage_v,road_slope_deg\n" + "".join(lines)
 
 
 def _targets_of(request: MeasuredRequest) -> dict[str, str | Path | None]:
@@ -305,3 +317,40 @@ def _with_result(vehicle: Vehicle, source: str | Path | DescribedResult) -> Vehi
     if issues:
         raise ConfigError(issues)
     return vehicle
+
+
+def vehicle_text_of(request: IdentifyRequest, result: Identification) -> str:
+    """Return the vehicle file with the estimates. Raises ConfigError.
+
+    What is not identifiable keeps its initial value. What a given bound holds has that bound: the others are
+    estimated with it.
+    """
+    identifiable = [k for k, each in enumerate(result.parameters) if each.identifiable]
+    origin = {
+        "model": result.model,
+        "files": list(map(str, files_of(request))),
+        "parameters": [result.parameters[k].name for k in identifiable],
+        "values": [result.parameters[k].value for k in identifiable],
+        "std": [result.parameters[k].std for k in identifiable],
+        "covariance": result.covariance[identifiable][:, identifiable].tolist(),
+        "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
+        "fit_percent": {key: value for key, value in result.fit_percent.items() if math.isfinite(value)},
+    }
+    values = {each.name: each.value for each in result.parameters if each.identifiable or each.is_held}
+    source, variant = find_config("vehicles", str(request.vehicle)), variant_of(request.draw, request.ideal)
+    settings = settings_for(read_toml(source), variant, settings_of(request.settings), str(source))
+    text = vehicle_text(source, settings, values, origin)
+    _check_saved(text, str(request.save_vehicle), [each.name for each in result.parameters], values)
+    return text
+
+
+def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Mapping[str, float]) -> None:
+    """Raise ConfigError where the loader refuses the estimates beside the initial values of other parameters."""
+    not_identifiable = [name for name in sought if name not in identifiable]
+    try:
+        vehicle_of(tomllib.loads(text), f"`save_vehicle` {target}")
+    except ConfigError as error:
+        kept = f"; {', '.join(not_identifiable)} kept the initial value" if not_identifiable else ""
+        raise ConfigError(
+            [f"{line}{kept}; allowed: `estimate` without it, or other `settings`" for line in error.issues]
+        ) from error

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.limits import step_within_limits
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import normal_equations
@@ -25,7 +26,6 @@ from liftgate_hil.identification.weighting import (
     weighting_of,
 )
 
-Floats = NDArray[np.float64]
 Report = Callable[[int, float, float], None]  # iteration, loss, size of the step in standard deviations
 
 STILL = 5e-3  # standard deviations below which a step no longer counts
@@ -42,7 +42,8 @@ _BLIND = 1e-12  # share of an unknown's own curvature that is added, so that an 
 _TRIALS = 8  # steps tried by wide differences, at most
 
 
-class SearchPoint(NamedTuple):
+@dataclass(frozen=True)
+class SearchPoint:
     """A point of the search, and how well it predicts the measurement."""
 
     point: Floats
@@ -53,33 +54,13 @@ class SearchPoint(NamedTuple):
     deviance: float  # −2 log L, plus the term of the priors
 
 
-class Descent(NamedTuple):
+@dataclass(frozen=True)
+class Descent(SearchPoint):
     """The end of a descent, or of a search of several ones."""
 
-    place: SearchPoint
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
     slopes: Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
-
-    @property
-    def point(self) -> Floats:
-        """The point at the end: parameters, then unknowns."""
-        return self.place.point
-
-    @property
-    def weighting(self) -> Weighting:
-        """Weighting of the outputs by the errors at the end."""
-        return self.place.weighting
-
-    @property
-    def errors(self) -> Floats:
-        """Errors (rows, outputs), measured − predicted, 0 where there is no sample."""
-        return self.place.errors
-
-    @property
-    def deviance(self) -> float:
-        """−2 log L at the end, plus the term of the priors."""
-        return self.place.deviance
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> SearchPoint:
@@ -137,11 +118,13 @@ def descend(
         elif slopes.away > 0.0:
             slopes = _fresh(problem, place, moved)
         elif damping > _MOST or not math.isfinite(promised):
-            return Descent(place, tuple(history), "no step reduces the loss", slopes.values)
+            reason = "no step reduces the loss"
+            return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
-        return Descent(place, tuple(history), f"not converged after {rounds} iterations", slopes.values)
+        reason = f"not converged after {rounds} iterations"
+        return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
     last, _, _ = _step(problem, place, slopes.values, free, 0.0)
     other = place_at(problem, place.point + last, given_std)
     if other.deviance < place.deviance:
@@ -149,7 +132,7 @@ def descend(
         history.append(place.loss)
         _tell(report, history, moved)
     reason = f"converged: the last step is less than {STILL:g} standard deviations"
-    return Descent(place, tuple(history), reason, slopes.values)
+    return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
 
 
 class _Slopes(NamedTuple):
@@ -235,10 +218,7 @@ def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[
 def _step(
     problem: Problem, place: SearchPoint, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
-    """Return (step, the decrease of −log L that it promises, its size in standard deviations).
-
-    The step stays within the bounds, and leads to a vehicle that the checks do not refuse.
-    """
+    """Return (allowed step, the decrease of −log L that it promises, its size in standard deviations)."""
     point = place.point
     step = np.zeros(len(point))
     if not len(free):

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.identification import statistics
-from liftgate_hil.identification.data import Data, rows_of
+from liftgate_hil.identification.data import Data, Floats, rows_of
 from liftgate_hil.identification.problem import Problem, Sought
 from liftgate_hil.report.provenance import Provenance
 from liftgate_plant.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
 
 _BIT = 0.05  # s, duration of one bit of the PRBS
 _CHIRP = (0.2, 20.0)  # Hz, first and last frequency
@@ -31,43 +29,28 @@ _SLOPE_DEG = 8.0
 _NOISE = {"current_a": 0.05, "speed_rps": 0.5, "angle_deg": 0.1}
 
 
+# fmt: off
 @dataclass(frozen=True)
-class Candidate:
-    """An experiment that could be run: motor voltage (n,) [V] of all drives over `times` (n,) [s]."""
+class Candidate(DescribedResult):
+    """An experiment that could be run: motor voltage (n,) [V] of all drives over `times` (n,) [s], from rest."""
 
-    name: str
+    name: Annotated[str, Shown("name of the experiment", key="experiment")]
     times: Floats
     voltage: Floats
-    angle_deg: float  # angle at which it begins, at rest
-    road_slope_deg: float
+    angle_deg: Annotated[float, Shown("gate angle at its begin [deg]", key="initial_angle_deg")]
+    road_slope_deg: Annotated[float, Shown("slope of the road [deg]")]
 
 
-# fmt: off
 @dataclass(frozen=True)
 class Ranked(DescribedResult):
     """A candidate and the information that it would yield."""
 
-    candidate: Candidate
     # of the relative information; −inf: some parameters are not identifiable
     log_det: Annotated[float, Shown("decimal logarithm of the information matrix's determinant; null: not all "
         "parameters are identifiable", key="log10_det")]
+    candidate: Annotated[Candidate, Shown("", is_flat=True)]
     relative_std: Floats  # (p,) expected standard deviations relative to the values; inf: not identifiable
     names: tuple[str, ...]  # of the parameters
-
-    @property
-    def experiment(self) -> Annotated[str, Shown("name of the experiment")]:
-        """Name of the experiment."""
-        return self.candidate.name
-
-    @property
-    def initial_angle_deg(self) -> Annotated[float, Shown("gate angle at its begin [deg]")]:
-        """Gate angle at which it begins [deg]."""
-        return self.candidate.angle_deg
-
-    @property
-    def road_slope_deg(self) -> Annotated[float, Shown("slope of the road [deg]")]:
-        """Slope of the road [deg]."""
-        return self.candidate.road_slope_deg
 
     @property
     def relative_std_of(self) -> Annotated[Mapping[str, float], Shown("expected standard deviations",
@@ -199,8 +182,7 @@ def _information(
     # The information that is left on the sought parameters where a counter's zero is estimated too.
     own, rest = slice(len(sought)), slice(len(sought), None)
     across = whole[own, rest]
-    left: Floats = whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
-    return left
+    return whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
 
 
 def _ranked(candidate: Candidate, matrix: Floats, names: tuple[str, ...]) -> Ranked:
@@ -210,4 +192,4 @@ def _ranked(candidate: Candidate, matrix: Floats, names: tuple[str, ...]) -> Ran
     std[lost] = np.inf
     sign, logarithm = np.linalg.slogdet(matrix)
     log_det = float(logarithm) / math.log(10.0) if sign > 0 and not lost else -math.inf
-    return Ranked(candidate, log_det, std, names)
+    return Ranked(log_det, candidate, std, names)

@@ -7,39 +7,33 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identification import statistics
 from liftgate_hil.identification.coarse import coarse_of
-from liftgate_hil.identification.data import applied_voltage
+from liftgate_hil.identification.data import Floats, applied_voltage
 from liftgate_hil.identification.data_warnings import (
     begun_in_motion,
     driven_through_gaps,
+    hints,
     moves_one_way,
     never_driven,
     offsets_at_rest,
 )
-from liftgate_hil.identification.delays import at_best_delay
 from liftgate_hil.identification.descent import Descent, Report, place_at
-from liftgate_hil.identification.estimates import estimates_of
-from liftgate_hil.identification.fixed_parameters import fixed_parameters
+from liftgate_hil.identification.estimates import estimates_of, fixed_parameters
 from liftgate_hil.identification.jitter import jitter_of
-from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.profile import profile
 from liftgate_hil.identification.residuals import Frame, phases_of, series_of, speed_series
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Validation
-from liftgate_hil.identification.search import better, past_kinks, search
+from liftgate_hil.identification.search import at_best_delay, better, past_kinks, profile, search
 from liftgate_hil.identification.statistics import Uncertainty
 from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.identification.valleys import past_dents
 from liftgate_hil.identification.weighting import errors_of, log_likelihood_deviance, sampled_rows
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
-
-Floats = NDArray[np.float64]
 
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
 _OF_A_RUN = ("sensors.", "supply.", "coding.", "bridge.")  # tables on which few measurements depend
@@ -77,6 +71,7 @@ def fitted(
     found = _from_few_rows(problem, report, given_std)
     _check_followed(problem, found.point, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
+    scatter = f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
     initial = place_at(problem, problem.initial, given_std).loss
     is_first = not math.isfinite(initial) or found.history[0] == initial
     history = found.history if is_first else (initial, *found.history)
@@ -111,7 +106,7 @@ def fitted(
         iterations=len(history) - 1,
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
-        covariance_kind=_KINDS[is_robust] + _scatter(jitter),
+        covariance_kind=_KINDS[is_robust] + scatter,
         fixed=tuple(fixed_parameters(problem, found, given_std, is_free)),
         input_jitter=jitter,
         data_warnings=(
@@ -131,10 +126,7 @@ def fitted(
 
 
 def _widening(white: Floats, whole: Floats, k: int) -> float:
-    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none.
-
-    Both are covariances (p, p) of all unknowns.
-    """
+    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none."""
     ratio = float(whole[k, k] / white[k, k]) if 0.0 < white[k, k] < math.inf else 1.0
     return max(ratio, 1.0) if math.isfinite(ratio) else 1.0
 
@@ -154,11 +146,7 @@ def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:
 def _uncertainty(
     problem: Problem, found: Descent, given_std: Floats | None
 ) -> tuple[Uncertainty, Floats, bool, float]:
-    """Return the uncertainty of the estimates at the end of a search.
-
-    The parts are: the uncertainty from the information matrix, the covariance of all unknowns, whether it is the
-    robust one, and the scatter of the inputs' timestamps [s].
-    """
+    """Return (uncertainty by the information, covariance, whether it is robust, scatter of the inputs [s])."""
     _, inverse_std = problem.priors()
     root = found.weighting.root
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
@@ -191,10 +179,6 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
         statistics.score_series(data.times, measured, own)
         for data, measured, own in zip(problem.data, *parts, strict=True)
     ]
-
-
-def _scatter(jitter: float) -> str:
-    return f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
 
 
 def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
@@ -286,10 +270,7 @@ def widened(classic: Floats, robust: Floats) -> Floats:
 
 
 def _comparable(problem: Problem) -> list[int]:
-    """Leave out the outputs without samples to compare; return the indices of the others.
-
-    Raises NothingToTellError where all outputs are constant.
-    """
+    """Leave out outputs without samples to compare; return the others' indices. Raises NothingToTellError."""
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)

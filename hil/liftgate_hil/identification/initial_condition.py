@@ -6,17 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.identification import rigid
-from liftgate_hil.identification.data import Data, applied_voltage, first_sample, is_count, is_driven
+from liftgate_hil.identification.data import Data, Floats, applied_voltage, first_sample, is_count, is_driven
 from liftgate_hil.identification.trajectory import REST, Start
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import Vehicle, plant_of
-
-Floats = NDArray[np.float64]
 
 _CLOSED_DEG = 0.3
 # Shares of the largest speed: the initial speed that counts as rest at most, and the same where nothing drives.
@@ -127,7 +124,9 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
     """Whether nothing moves at the first sample; with `creeps`, undriven drives must not even creep."""
-    share = _STILL_SHARE if creeps and not _is_driven(data) else _REST_SHARE
+    # Whether there is a voltage within the longest window from which the initial speed is estimated.
+    count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
+    share = _STILL_SHARE if creeps and not np.any(is_driven(data)[:count]) else _REST_SHARE
     if any(_shows_rest(data.outputs.get(f"{side}_speed_rps"), share) for side in ("left", "right")):
         return True
     first, margin, largest = motion(data, share)
@@ -155,12 +154,6 @@ def _shows_rest(speed: Floats | None, share: float) -> bool:
     return _SURE * noise <= least and abs(float(np.median(values[:3]))) <= least
 
 
-def _is_driven(data: Data) -> bool:
-    """Whether there is a voltage within the longest window from which the initial speed is estimated."""
-    count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
-    return bool(np.any(is_driven(data)[:count]))
-
-
 def beginning_of(
     vehicle: Vehicle, data: Data, experiment: int, angle_deg: float | None, full: bool
 ) -> InitialCondition:
@@ -171,7 +164,9 @@ def beginning_of(
     """
     data, plant = data.whole or data, plant_of(vehicle)
     quantum = 1.0 / vehicle.sensors.hall_counts
-    known = _first_angle(plant, data)
+    known = _first(data, data.outputs.get("gate_angle_deg"))
+    if math.isnan(known):
+        known = _angle_at(plant, first_sample(_position(data)))
     after_motion = data.after_motion or not is_closed(known) or data.times[0] > _CUT
     moves = not begins_at_rest(data, after_motion)
     if angle_deg is not None and (_shows_place(data) or not moves):
@@ -179,14 +174,6 @@ def beginning_of(
     if moves or after_motion:
         return _midway(vehicle, data, experiment, full, moves, angle_deg)
     return _at_rest(plant, data, experiment, 0.0, quantum)
-
-
-def _first_angle(plant: Plant, data: Data) -> float:
-    """Return the gate's first angle [deg], from its sensor or a position; NaN where neither was measured."""
-    known = _first(data, data.outputs.get("gate_angle_deg"))
-    if math.isnan(known):
-        known = _angle_at(plant, first_sample(_position(data)))
-    return known
 
 
 def _first(data: Data, values: Floats | None) -> float:

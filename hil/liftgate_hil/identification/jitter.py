@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.statistics import normal_equations, pseudo_inverse
 from liftgate_hil.identification.weighting import weighting_of
 
-Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
 Change = tuple[int, NDArray[np.intp]]  # experiment, indices into its `changes` of those in one cycle
 
@@ -140,11 +140,7 @@ class _Moves:
 
 
 def _products(effects: Effects, slopes: Floats, errors: Floats, root: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the products Ψᵀ Λ⁻¹ Ψ (n, n), Ψᵀ Λ⁻¹ ψ (n, p) and Ψᵀ Λ⁻¹ ε (n,) of n changes of the inputs.
-
-    `effects` Ψ is (n, rows, outputs), `slopes` ψ (rows, outputs, p), `errors` ε (rows, outputs); `root` is W
-    (outputs, outputs) with Λ⁻¹ = W Wᵀ.
-    """
+    """Return Ψᵀ Λ⁻¹ Ψ (n, n), Ψᵀ Λ⁻¹ ψ (n, p), Ψᵀ Λ⁻¹ ε (n,) of n changes of the inputs; `root` W: Λ⁻¹ = W Wᵀ."""
     count = len(effects)
     own, cross, seen = (np.zeros((count, n)) for n in (count, slopes.shape[2], 1))
     for weights in root.T:

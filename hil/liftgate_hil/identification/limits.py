@@ -12,19 +12,51 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from liftgate_hil.identification.bounded import within
+from liftgate_hil.identification.data import Floats
 
-Floats = NDArray[np.float64]
 Allowed = Callable[[Floats], bool]  # whether the vehicle that a step leads to is accepted
-
 _CUTS = 12  # half-spaces that restrict a step, at most
 _ASIDE = 1e-4  # of an unknown's size: how far aside the limit is located again, for its slope
 _INSIDE = 1e-7  # of an unknown's size: how far from a limit a step ends
 _BISECTIONS = 60
 _DOUBLINGS = 20
 _SWEEPS = 50
+
+
+def within(matrix: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the x (n,) with low ≤ x ≤ high at which ½ xᵀ M x − gᵀ x is smallest.
+
+    M is the `matrix` (n, n), symmetric and positive definite, g the `gradient` (n,). The active-set method starts
+    at x = 0, which must lie within the bounds.
+    """
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    matrix, gradient = matrix * np.outer(scale, scale), gradient * scale
+    low, high = low / scale, high / scale
+    x = np.zeros(len(gradient))
+    held = np.zeros(len(gradient), dtype=np.bool_)
+    for _ in range(10 * len(x)):
+        target = x.copy()
+        own = np.flatnonzero(~held)
+        if len(own):
+            rest = gradient - matrix[:, held] @ x[held]
+            target[own] = np.linalg.solve(matrix[np.ix_(own, own)], rest[own])
+        way = target - x
+        limit = np.where(way > 0.0, high, low) - x
+        share = np.where(way != 0.0, limit / np.where(way != 0.0, way, 1.0), np.inf)
+        first = int(np.argmin(share))
+        if share[first] < 1.0:
+            x = x + max(float(share[first]), 0.0) * way
+            x[first] = high[first] if way[first] > 0.0 else low[first]
+            held[first] = True
+            continue
+        x = target
+        pull = gradient - matrix @ x
+        leaves = held & np.where(x >= high, pull < 0.0, pull > 0.0)
+        if not np.any(leaves):
+            break
+        held[int(np.argmax(np.where(leaves, np.abs(pull), 0.0)))] = False
+    return np.clip(x, low, high) * scale
 
 
 class Cut(NamedTuple):
@@ -55,10 +87,7 @@ def step_within_limits(
 
 
 def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allowed) -> tuple[float, float]:
-    """Return two adjacent shares of a way, the first allowed and the second not.
-
-    They are found by bisection between `first`, which is allowed, and `last`, which is not.
-    """
+    """Return adjacent shares of a way, allowed and not, between `first`, which is, and `last`, which is not."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (first + last)
         if allowed(start + middle * way):
@@ -102,10 +131,7 @@ def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -
 
 
 def _within_cuts(matrix: Floats, gradient: Floats, low: Floats, high: Floats, cuts: Sequence[Cut]) -> Floats:
-    """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957).
-
-    Each half-space pushes the step back as far as it must, and no further.
-    """
+    """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957)."""
     normals = np.array([cut.normal for cut in cuts])
     weights = np.zeros(len(cuts))
 

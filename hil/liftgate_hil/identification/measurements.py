@@ -1,11 +1,11 @@
-"""Measurements of a request, read, checked and conditioned."""
+"""Measurements of a request, read, checked and conditioned, and the files that it names."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -13,12 +13,12 @@ from typing import cast
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import read_options
-from liftgate_hil.identification.request import MeasuredRequest
-from liftgate_hil.measurement import checks, condition, quality
-from liftgate_hil.measurement.known_vehicle import angle_of_position, known_of
+from liftgate_hil.identification.request import MeasuredRequest, ModelChoice, ValidateRequest
+from liftgate_hil.measurement import checks, quality
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.quality import angle_of_position, known_of
+from liftgate_hil.measurement.table import needs_rig, read_measurement
 from liftgate_hil.plan.setup import rig_from
 from liftgate_plant import gate
 from liftgate_plant.rows import surroundings_of
@@ -51,11 +51,13 @@ def measurements_of(request: MeasuredRequest, vehicle: Vehicle, travel_only: boo
         if paths[k] in paths[:k]
     ]
     result = []
+    around = surroundings_of(load_of(vehicle))._asdict()  # which holds until a test bench's panel changes it
+    shown = ("_position_rev", "_hall_count", "gate_angle_deg")  # columns that show the position of the gate
     for name in files:
         try:
-            measurement = read_measurement(name, mapping, rig, _surroundings(vehicle), how)
+            measurement = read_measurement(name, mapping, rig, around, how)
             cut = cast(tuple[float, float] | None, request.cut_angle)
-            if cut is None and travel_only and _shows_angle(measurement):
+            if cut is None and travel_only and any(each.endswith(shown) for each in measurement.columns):
                 cut = _travel(vehicle)
             result.append(_conditioned(measurement, request, vehicle, cut))
         except ConfigError as error:
@@ -63,12 +65,6 @@ def measurements_of(request: MeasuredRequest, vehicle: Vehicle, travel_only: boo
     if issues:
         raise ConfigError(issues)
     return result
-
-
-def _shows_angle(measurement: Measurement) -> bool:
-    """Whether a column shows the position of the gate."""
-    shown = ("_position_rev", "_hall_count", "gate_angle_deg")
-    return any(name.endswith(shown) for name in measurement.columns)
 
 
 def _travel(vehicle: Vehicle) -> tuple[float, float]:
@@ -93,24 +89,36 @@ def _conditioned(
     # An outlier that is dropped later is no value in another unit.
     kept = quality.report_outliers(measurement, True, known) if request.drop_outliers else measurement
     _raise_if_any(checks.check(kept, known))
-    measurement = condition.cut_time(measurement, request.from_s, request.to_s)
+    measurement = quality.cut_time(measurement, request.from_s, request.to_s)
     _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
     measurement = quality.report_outliers(measurement, request.drop_outliers, known)
     if cut is not None:
         low, high = cut
-        measurement = condition.cut_angle(
+        measurement = quality.cut_angle(
             measurement, low, high, angle_of_position(vehicle), vehicle.sensors.hall_counts
         )
     _raise_if_any(checks.check(measurement))
     return measurement
 
 
-def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
-    """Return the vehicle file's surroundings, which hold until a test bench's panel changes them."""
-    return surroundings_of(load_of(vehicle))._asdict()
-
-
 def _raise_if_any(issues: list[str]) -> None:
     if issues:
         raise ConfigError(issues)
+
+
+def inputs_of(request: ModelChoice) -> dict[str, Path]:
+    """Return the files that a request names, none of which is written, by purpose."""
+    files: dict[str, Path] = {}
+    measured = files_of(request) if isinstance(request, MeasuredRequest) else ()
+    if isinstance(request, MeasuredRequest):
+        files |= {f"measurement {k}": path for k, path in enumerate(measured, 1)}
+        files |= {f"map {k}": Path(name) for k, name in enumerate(request.maps, 1)}
+    if isinstance(request, ValidateRequest) and isinstance(request.parameters, Path):
+        files["parameters"] = request.parameters
+    with contextlib.suppress(ConfigError):  # reported where it is needed
+        files["vehicle"] = find_config("vehicles", str(request.vehicle))
+        if isinstance(request, MeasuredRequest) and any(needs_rig(path, {}) for path in measured):
+            rig = rig_from(request.rig)
+            files |= {"rig": Path(rig.source), "dbc": rig.database}
+    return files

@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.identification import rigid
-from liftgate_hil.identification.data import Data, part_of
+from liftgate_hil.identification.data import Data, Floats, part_of
 from liftgate_hil.identification.initial_condition import InitialCondition, is_closed
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.residuals import local_line
@@ -24,8 +23,6 @@ from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import plant_of
-
-Floats = NDArray[np.float64]
 
 _LENGTH = 0.25  # s, duration of a segment, at least
 _SAMPLES = 20  # rows of a segment, at least
@@ -120,17 +117,12 @@ def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
     The motion is that of the positions and the angle, or of the speeds where there are none of these.
     """
     for kind in (("_position_rev", "_angle_deg"), ("_speed_rps",)):
-        columns = [k for k, name in enumerate(problem.outputs) if name.endswith(kind)]
-        fits = [_fit(problem.measured[:, k], errors[:, k]) for k in columns]
-        fits = [each for each in fits if not math.isnan(each)]
-        if fits:
-            return min(fits) < worst_percent
+        fits = []
+        for k, name in enumerate(problem.outputs):
+            there = np.isfinite(problem.measured[:, k])
+            if name.endswith(kind) and np.any(there):
+                measured = problem.measured[there, k]
+                fits.append(fit_percent(measured, measured - errors[there, k]))
+        if known := [each for each in fits if not math.isnan(each)]:
+            return min(known) < worst_percent
     return False
-
-
-def _fit(measured: Floats, errors: Floats) -> float:
-    """Return the NRMSE fit [%] of a column; NaN where it has no samples or never changes."""
-    there = np.isfinite(measured)
-    if not np.any(there):
-        return math.nan
-    return fit_percent(measured[there], measured[there] - errors[there])

@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.config.parameters import FreeParameter, with_values
-from liftgate_hil.identification.data import Data, changes_of, is_count, without_end
+from liftgate_hil.identification.data import Data, Floats, changes_of, is_count, without_end
 from liftgate_hil.identification.initial_condition import InitialCondition, Unknown, beginning_of
-from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
-from liftgate_hil.identification.workers import on_all_cpus
+from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, on_all_cpus, trajectory
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
-Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -33,14 +31,6 @@ LONGEST_DELAY = 0.1  # s, the longest delay that is searched
 _FEW = 2  # samples that an output needs, at least
 _END = 0.2  # share of an experiment that is left out at its end for want of its inputs, at most
 ALL = -1  # `experiment` of an unknown that all experiments share
-
-
-Checks = Callable[[Vehicle], Sequence[str]]
-
-
-def nothing_refused(vehicle: Vehicle) -> Sequence[str]:
-    """Refuse no vehicle: the checks of a problem whose parameters may have any values within their bounds."""
-    return ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +60,8 @@ class Problem:
     is_delay_sought: bool = False
     speed_window: float = 0.0  # s before a sample, over which a measured speed is averaged
     longest: float = 1e-3  # s, longest step of a simulation
-    refused_by: Checks = nothing_refused  # a search visits only vehicles with which these find nothing wrong
+    # A search visits only vehicles with which these checks find nothing wrong.
+    refused_by: Callable[[Vehicle], Sequence[str]] = lambda vehicle: ()
     evaluations: int = 0
     beginnings: Sequence[InitialCondition] = ()  # default: estimated from the data
     unknowns: list[Unknown] = field(init=False)
@@ -93,7 +84,13 @@ class Problem:
                 raise ValueError(
                     f"{len(angles)} angles for {len(self.data)} experiments; allowed: one per experiment"
                 )
-            self.beginnings = [self._beginning(number, angle, full) for number, angle in enumerate(angles)]
+            beginnings = []
+            for number, (data, angle) in enumerate(zip(self.data, angles, strict=True)):
+                try:
+                    beginnings.append(beginning_of(self.vehicle, data, number, angle, full))
+                except ValueError as error:
+                    raise ValueError(f"{data.name}: {error}") from error
+            self.beginnings = beginnings
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-LONGEST_DELAY, high=LONGEST_DELAY))
@@ -101,13 +98,6 @@ class Problem:
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
                 self._compare_edges(column)
-
-    def _beginning(self, number: int, angle: float | None, full: bool) -> InitialCondition:
-        """Return the initial condition of an experiment. Raises ValueError with its name."""
-        try:
-            return beginning_of(self.vehicle, self.data[number], number, angle, full)
-        except ValueError as error:
-            raise ValueError(f"{self.data[number].name}: {error}") from error
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
         """Return the same problem for other data; `changes` are fields that go with them."""
@@ -336,10 +326,7 @@ def _moved(point: Floats, k: int, step: float) -> Floats:
 
 
 def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
-    """Return the start with the steady-state currents of the windings, which forget their initial state in L/R.
-
-    In a pause the voltage begins with the data, so the initial current is that without a voltage.
-    """
+    """Return the start with the windings' steady-state currents; in a pause the voltage begins with the data."""
     inputs = inputs_of(data.inputs[0], base, NOMINAL)
     currents = {}
     for side in ("left", "right"):

@@ -39,27 +39,25 @@ class Preset(NamedTuple):
 
 
 _THESIS = ("current", "speed", "position")
+
+
+def _of_motor(*names: str) -> tuple[str, ...]:
+    return tuple(f"motor.{name}" for name in names)
+
+
 PRESETS = {
     # §4.6.1, Table 4.1
     "thesis-1": Preset(
-        ("motor.resistance", "motor.inductance", "motor.rotor_inertia", "motor.load_torque"),
-        "third-order",
-        _THESIS,
+        _of_motor("resistance", "inductance", "rotor_inertia", "load_torque"), "third-order", _THESIS
     ),
     # §4.6.2, Table 4.2
     "thesis-2": Preset(
-        (
-            "motor.resistance",
-            "motor.inductance",
-            "motor.torque_constant",
-            "motor.speed_constant",
-            "motor.efficiency",
-        ),
+        _of_motor("resistance", "inductance", "torque_constant", "speed_constant", "efficiency"),
         "third-order",
         _THESIS,
     ),
     # §4.6.3: the first run without the inductance
-    "thesis-3": Preset(("motor.resistance", "motor.rotor_inertia", "motor.load_torque"), "second-order", _THESIS),
+    "thesis-3": Preset(_of_motor("resistance", "rotor_inertia", "load_torque"), "second-order", _THESIS),
 }
 NO_PRESET = Preset((), "full", ())
 

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identification import statistics
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.result import PhaseErrors, Series
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
-
-Floats = NDArray[np.float64]
 
 PHASES = ("rest", "inrush", "travel", "play crossing", "end stop")
 _INRUSH = 0.15  # s after the voltage rose from zero or changed its sign
@@ -44,14 +43,10 @@ def phases_of(plant: Plant, times: Floats, voltage: Floats, states: Floats) -> N
         ahead = position[after:]
         until = after + int(np.argmax(np.abs(ahead - position[after]) > width))
         result[after : max(until, after + 1)] = PHASES.index("play crossing")
-    top = math.degrees(_open_angle(plant))
+    top = math.degrees(gate.angle_of_extension(plant.link, plant.link.stroke))
     at_end = (angle > top - 0.1) | ((angle < _STOP_DEG) & (np.abs(voltage) > 0.1) & slow)
     result[at_end] = PHASES.index("end stop")
     return result
-
-
-def _open_angle(plant: Plant) -> float:
-    return gate.angle_of_extension(plant.link, plant.link.stroke)
 
 
 class Frame(NamedTuple):
@@ -67,6 +62,8 @@ def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, be
     there = np.isfinite(measured)
     y, model = measured[there], simulated[there]
     errors = y - model
+    # No more than the rounding of the measured values causes: q/√12 for the step q.
+    is_rounding = np.sqrt(np.mean(errors**2)) <= _ROUNDING * statistics.rounding_step(y) / math.sqrt(12.0)
     parts = {}
     for number, name in enumerate(PHASES):
         own = errors[frame.phases[there] == number]
@@ -90,14 +87,8 @@ def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, be
         crosscorrelation=statistics.crosscorrelation(errors, frame.voltage[there]),
         band=statistics.BAND / math.sqrt(len(y)),
         is_white=statistics.is_nothing(errors, y) or statistics.is_white(errors),
-        excuse="rounding" if _is_rounding(y, errors) else "",
+        excuse="rounding" if is_rounding else "",
     )
-
-
-def _is_rounding(measured: Floats, errors: Floats) -> bool:
-    """Whether errors are no more than the rounding of the measured values causes: q/√12 for the step q."""
-    step = statistics.rounding_step(measured)
-    return bool(np.sqrt(np.mean(errors**2)) <= _ROUNDING * step / math.sqrt(12.0))
 
 
 def speed_series(output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None) -> Series:

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.described_result import DescribedResult, Shown
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.report.numbers import relative_error
 from liftgate_hil.report.provenance import Provenance
 
-Floats = NDArray[np.float64]
 Figure = TypeVar("Figure")
 
 # fmt: off

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.identification.data import Floats
 
 LAGS = 25
 BAND = 2.5758  # half width of the 99 % band of the standard normal distribution
@@ -57,8 +56,7 @@ def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floa
 def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
     """Return M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
     matrix, _ = normal_equations(slopes, np.zeros(slopes.shape[:2]), root)
-    total: Floats = matrix + np.diag(inverse_std**2)
-    return total
+    return matrix + np.diag(inverse_std**2)
 
 
 def uncertainty(matrix: Floats) -> Uncertainty:
@@ -94,10 +92,7 @@ def pseudo_inverse(matrix: Floats) -> Floats:
 
 
 def _together(projector: Floats) -> list[list[int]]:
-    """Return groups of unknowns that the directions without information mix, by the projector onto these.
-
-    For two sums that are both undetermined the directions are any mixture, but the projector is unique.
-    """
+    """Return groups of unknowns that the directions without information mix, by the projector onto these."""
     share = np.diag(projector)
     groups: list[list[int]] = []
     for k in (int(each) for each in np.flatnonzero(share > _PART * np.max(share, initial=0.0))):

@@ -1,19 +1,25 @@
 """Simulation with measured inputs: the states at the sample times, by the full plant or by a rigid model.
 
 Between two samples the inputs hold; the interval is divided into equal steps no longer than requested.
+Simulations run on all CPUs: machine code does not hold the interpreter lock, so threads are enough. While they run
+the main thread only waits, so that an interrupt (Ctrl-C) reaches it at once; a simulation checks between its
+stretches whether its result is still needed.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, compiled, fill, picked
 from liftgate_hil.identification import rigid
-from liftgate_hil.identification.workers import check_wanted
+from liftgate_hil.identification.data import Floats
 from liftgate_plant import dynamics, gate, initial, integrate
 from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
 from liftgate_plant.latch import Claw, LatchState, at_first
@@ -21,10 +27,12 @@ from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.shunt import low_passed
 
-Floats = NDArray[np.float64]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
+_MOST_ROWS = 4_000_000  # rows of all simulations that run at a time; each needs some 150 bytes a row
+_this_thread = threading.local()
 MODELS = {"full": 0, "third-order": 3, "second-order": 2}
-
 # Columns of the outputs.
 OUTPUTS = (
     "left_current_a",
@@ -35,8 +43,6 @@ OUTPUTS = (
     "right_position_rev",
     "gate_angle_deg",
 )
-
-
 # A stretch ends after this number of steps, and stores what the next one begins with: the row (-1: none yet), the
 # steps done after it, the currents that the sensors show, the state.
 _STRETCH = 100_000
@@ -49,6 +55,40 @@ _LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
 _RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _LATCH = LatchState(*range(_CLAW, _KEPT))
 _CREEP = 0.1  # rev/s; far below it the hinge's friction has no definite direction
+
+
+class UnwantedError(Exception):
+    """Raised in a worker whose result is no longer needed."""
+
+
+def on_all_cpus(function: Callable[[Item], Result], items: Sequence[Item], rows: int) -> list[Result]:
+    """Return `function` of each item, in their order, computed by threads on all CPUs.
+
+    `rows` is the number of rows of one simulation, which limits how many run at a time. An exception of
+    `function`, or an interrupt of the caller, ends all of them.
+    """
+    count = min(len(items), _cpus(), max(1, _MOST_ROWS // max(rows, 1)))
+    if count <= 1:
+        return [function(item) for item in items]
+    is_over = threading.Event()
+    with ThreadPoolExecutor(count, initializer=setattr, initargs=(_this_thread, "is_over", is_over)) as pool:
+        try:
+            return [each.result() for each in [pool.submit(function, item) for item in items]]
+        except BaseException:
+            is_over.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def check_wanted() -> None:
+    """Raise UnwantedError if the calling thread is a worker of `on_all_cpus` whose result is no longer needed."""
+    is_over: threading.Event | None = getattr(_this_thread, "is_over", None)
+    if is_over is not None and is_over.is_set():
+        raise UnwantedError
+
+
+def _cpus() -> int:
+    return len(os.sched_getaffinity(0))
 
 
 class Start(NamedTuple):

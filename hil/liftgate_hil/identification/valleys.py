@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent, Report, SearchPoint, equations_at, place_at
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.search import better, past_kinks, search
 from liftgate_hil.identification.statistics import information, pseudo_inverse
-
-Floats = NDArray[np.float64]
 
 _DIRECTIONS = 2  # of the parameters' covariance that are searched along, the longest ones
 _REACH = (16.0, 24.0, 32.0, 48.0, 64.0, 96.0)  # standard deviations to either side at which the loss is evaluated
@@ -84,10 +82,7 @@ def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | 
 
 
 def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
-    """Return the longest axes (n,), one standard deviation each, of the parameters' covariance relative to sizes.
-
-    The other unknowns follow as far as they depend on the parameters.
-    """
+    """Return the longest axes (n,), one σ each, of the parameters' covariance relative to sizes; others follow."""
     count = len(problem.sought)
     scale = problem.sizes[:count]
     own = covariance[:count, :count] / np.outer(scale, scale)

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_hil.identification.data import Floats
 
 _FLOOR = 1e-18  # of an output's own variance: noise too small for double precision
 _HUGE = 1e6  # prediction that stands for that of a diverged model

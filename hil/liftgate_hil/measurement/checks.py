@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from liftgate_hil.errors import number_of
-from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.quality import find_outliers
+from liftgate_hil.measurement.quality import KnownVehicle, find_outliers
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
@@ -33,15 +32,16 @@ def check(measurement: Measurement, vehicle: KnownVehicle | None = None) -> list
     """Return all issues of a measurement, one line each."""
     known = vehicle or KnownVehicle()
     issues = _soundness(measurement)
-    if not issues:
-        issues += _raster(measurement)
+    usual = math.nan if issues else float(np.median(np.diff(measurement.times)))
+    if not issues and not _FASTEST <= usual <= _SLOWEST:
+        rather = "is it ms? " if usual > _SLOWEST else ""
+        issues = [f"time_s: {usual:.4g} s between rows: {rather}allowed: {_FASTEST:g} to {_SLOWEST:g} s"]
     if not issues:
         for side in ("left", "right"):
             issues += _position_and_speed(measurement, side, known)
             issues += _count_and_position(measurement, side, known)
             issues += _angle_and_position(measurement, side, known)
-            issues += _current(measurement, side, known)
-            issues += _voltage(measurement, side, known)
+            issues += _amounts(measurement, side, known)
     return [f"{measurement.source}: {fault}" for fault in issues]
 
 
@@ -87,14 +87,6 @@ def _soundness(measurement: Measurement) -> list[str]:
     return issues
 
 
-def _raster(measurement: Measurement) -> list[str]:
-    usual = float(np.median(np.diff(measurement.times)))
-    if _FASTEST <= usual <= _SLOWEST:
-        return []
-    rather = "is it ms? " if usual > _SLOWEST else ""
-    return [f"time_s: {usual:.4g} s between rows: {rather}allowed: {_FASTEST:g} to {_SLOWEST:g} s"]
-
-
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
     """Return the speed column / the slope of the position column; NaN if they change too little or not alike.
 
@@ -119,12 +111,8 @@ def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
 
 
 def _position_and_speed(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
-    columns = measurement.columns
-    speed = columns.get(f"{side}_speed_rps")
-    position, name = columns.get(f"{side}_position_rev"), f"{side}_position_rev"
-    if position is None and known.hall_counts and f"{side}_hall_count" in columns:
-        position = columns[f"{side}_hall_count"] / known.hall_counts
-        name = f"{side}_hall_count / {known.hall_counts:g}"
+    speed = measurement.columns.get(f"{side}_speed_rps")
+    position, name = _position(measurement, side, known)
     if speed is None or position is None:
         return []
     ratio = slope_ratio(measurement.times, position, speed)
@@ -165,7 +153,7 @@ def _count_and_position(measurement: Measurement, side: str, known: KnownVehicle
 def _angle_and_position(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
     """Return an issue if the angle changes much more or less than the position: its unit or sign is wrong."""
     angle = measurement.columns.get("gate_angle_deg")
-    position = _position(measurement, side, known)
+    position, _ = _position(measurement, side, known)
     if angle is None or position is None or known.angle_of_position is None:
         return []
     both = np.flatnonzero(np.isfinite(angle) & np.isfinite(position))
@@ -188,11 +176,12 @@ def _angle_and_position(measurement: Measurement, side: str, known: KnownVehicle
     return [f"{text}; allowed: 0.3 to 3 times that"]
 
 
-def _position(measurement: Measurement, side: str, known: KnownVehicle) -> Floats | None:
-    count = measurement.columns.get(f"{side}_hall_count")
-    if count is not None and known.hall_counts and f"{side}_position_rev" not in measurement.columns:
-        return count / known.hall_counts
-    return measurement.columns.get(f"{side}_position_rev")
+def _position(measurement: Measurement, side: str, known: KnownVehicle) -> tuple[Floats | None, str]:
+    """Return a drive's position [rev], measured or from its count, and how that is called; None: neither."""
+    position, count = (measurement.columns.get(f"{side}_{name}") for name in ("position_rev", "hall_count"))
+    if position is None and count is not None and known.hall_counts:
+        return count / known.hall_counts, f"{side}_hall_count / {known.hall_counts:g}"
+    return position, f"{side}_position_rev"
 
 
 def _near(values: Floats, row: np.intp) -> Floats:
@@ -200,21 +189,16 @@ def _near(values: Floats, row: np.intp) -> Floats:
     return window[np.isfinite(window)]
 
 
-def _current(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
+def _amounts(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
+    """Return issues of currents and voltages that this vehicle can hardly have."""
     limit = _MAX_CURRENT
     if known.stall_current is not None:
         limit = min(limit, max(10.0 * known.stall_current, _LEAST_CURRENT))
-    return _too_large(measurement, f"{side}_current_a", known, limit, ("A", "mA"))
-
-
-def _voltage(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
+    issues = _too_large(measurement, f"{side}_current_a", known, limit, ("A", "mA"))
     if known.supply_voltage is None:
-        return []
-    issues = []
-    names = [f"{side}_voltage_v"] + (["supply_voltage_v"] if side == "left" else [])
-    for name in names:
-        limit = 5.0 * max(known.supply_voltage, 1.0)
-        issues += _too_large(measurement, name, known, limit, ("V", "mV"))
+        return issues
+    for name in (f"{side}_voltage_v", *(["supply_voltage_v"] if side == "left" else [])):
+        issues += _too_large(measurement, name, known, 5.0 * max(known.supply_voltage, 1.0), ("V", "mV"))
     return issues
 
 

@@ -1,4 +1,4 @@
-"""`maps`: which column of a foreign file is which of ours, and in what unit."""
+"""`maps`: which column of a foreign file is which of ours, and in what unit; the units that it may have."""
 
 from __future__ import annotations
 
@@ -9,24 +9,60 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
+from liftgate_hil.config import units
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.kinds import Number, Subtable, Text
 from liftgate_hil.config.toml import Table, read_toml, show, table
-from liftgate_hil.config.units import headed_unit, marked_unit, unit_in
+from liftgate_hil.config.units import SAME, Conversion, headed_unit, marked_unit, unit_in
 from liftgate_hil.errors import ConfigError, ConfigIssues, allowed_names
-from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, unit_of
-from liftgate_plant.signals import Signal
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats
+from liftgate_plant.signals import TIME, Signal
 
-Floats = NDArray[np.float64]
-
+# Columns that a file may hold; `voltage_v` is the voltage of both drives.
+KNOWN: Mapping[str, Signal] = {"time_s": TIME, "voltage_v": INPUTS["left_voltage_v"], **INPUTS, **OUTPUTS}
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], either with *scale, or FILE.toml"
 _SCALE, _OFFSET = Number(-1e9, 1e9), Number(-1e12, 1e12)
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
 _SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+)?)")
+
+
+def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
+    """Return the conversion from a unit to that of our column; None if the unit measures something else.
+
+    `known` are our columns.
+    """
+    if unit.strip() in ("", column.rpartition("_")[2]):  # `simulate` writes the column's own ending
+        return SAME
+    return units.conversion(known[column], unit)
+
+
+def unit_of(
+    ours: str, name: str, stated: str | None, mapped: str | None, known: Mapping[str, Signal] = KNOWN
+) -> str:
+    """Return the unit of a file's column `name` that is ours; "": ours.
+
+    It is what the map says, else what the file says of the column, else what its name does.
+    """
+    if mapped is not None:
+        return mapped
+    return stated or ("" if name == ours else units.unit_in(name, known[ours]))
+
+
+def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
+    """Return the units that our column may have, for a message."""
+    return units.allowed_units(known[column])
+
+
+def near_miss(name: str, known: Mapping[str, Signal] = KNOWN) -> tuple[str, str] | None:
+    """Return our column and the unit that a header like `left_current_ma` seems to mean; None if it means none."""
+    stem, _, ending = name.lower().rpartition("_")
+    for column, signal in known.items():
+        if column.rpartition("_")[0] == stem and stem and signal.unit and column != name:
+            for unit in units.spellings(signal):
+                if unit.lower().replace("/", "p") == ending:
+                    return column, unit
+    return None
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,28 @@
-"""Columns of a file as a measurement: which is which of ours, in what unit, and when an input holds."""
+"""Columns of a file as a measurement: which is which of ours, in what unit, and when an input holds.
+
+The suffix of a file, and for MF4 and MCAP its content, says whether it is a bus log.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from liftgate_hil.config.units import SAME, marked_unit
 from liftgate_hil.errors import ConfigError, allowed_names, printable
-from liftgate_hil.formats.recording import FileColumn, Recording
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
+from liftgate_hil.formats.open import open_file
+from liftgate_hil.formats.recording import AS_IT_IS, FRAME, FileColumn, ReadOptions, Recording
+from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS
+from liftgate_hil.measurement.mapping import KNOWN, ColumnMap, Theirs, conversion, near_miss, own_column, unit_of
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.units import KNOWN, conversion, near_miss, unit_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
 
 SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
@@ -123,10 +131,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> T
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
-    """Choose between columns that drive the same motor.
-
-    Mapped columns win over those that merely have our name, and a recording's duties over its voltages.
-    """
+    """Choose between columns that drive the same motor: mapped ones first, and of a recording the duties."""
     if recorded:
         for name in _VOLTAGES:
             if name not in mapping:
@@ -144,10 +149,7 @@ def _driving(side: str) -> tuple[str, ...]:
 
 
 def _other_units(file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]) -> list[str]:
-    """Return issues for headers like left_current_ma.
-
-    Each counts as its column, so that it is reported once only.
-    """
+    """Return issues for headers like left_current_ma, each of which counts as its column."""
     issues = []
     for name in file.names:
         meant = near_miss(name)
@@ -336,3 +338,37 @@ def shift_inputs(columns: dict[str, Floats]) -> None:
     for name, values in columns.items():
         if name in INPUTS:
             columns[name] = np.append(values[1:], values[-1:])
+
+
+def read_measurement(
+    path: Path,
+    mapping: ColumnMap,
+    rig: Rig | Callable[[], Rig],
+    before: Mapping[str, float] | None = None,
+    how: ReadOptions = AS_IT_IS,
+) -> Measurement:
+    """Read the measurement in a file. Raises ConfigError with all issues.
+
+    `rig`, or a function that loads it, is used for bus logs only; so is `before`, the inputs until the frames of a
+    test bench's panel first state them.
+    """
+    if needs_rig(path, mapping):
+        from liftgate_hil.measurement.bus_log import read_bus_log
+
+        return read_bus_log(path, rig() if callable(rig) else rig, before or {}, how)
+    return read_table(path, open_file(path, how=how), mapping)
+
+
+def needs_rig(path: Path, mapping: ColumnMap) -> bool:
+    """Whether a file holds frames, which a rig decodes. Raises ConfigError if it cannot be read."""
+    kind = path.suffix.lower()
+    if kind in BUS_LOGS:
+        return True
+    return kind in FORMATS and FORMATS[kind].has_frames and is_bus_log(path, mapping)
+
+
+def is_bus_log(path: Path, mapping: ColumnMap) -> bool:
+    """Whether an MF4 or MCAP file holds frames, and no column that is ours."""
+    names = open_file(path).names
+    ours = {*KNOWN, *(theirs.name for theirs in mapping.values())}
+    return FRAME in names and not ours.intersection(names)

@@ -23,7 +23,7 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.formats.open import open_recording
-from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
+from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Quantiles, distribution, note
 from liftgate_hil.loop.listener import Listener
@@ -165,9 +165,12 @@ class Player:
         self._source = open_recording(replay.recording, replay.how)
         if self._source.channel is None:
             raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
-        self._replay = _directed(replay, self._source)
-        self._course = DueTimes(self._replay.speed, self._replay.selection.begin, self._replay.selection.end)
-        self.played.direction = self._replay.selection.direction
+        selection = replay.selection
+        if not selection.direction:
+            selection = replace(selection, direction="sent" if has_sent(self._source) else "both")
+        self._replay = replace(replay, selection=selection)
+        self._course = DueTimes(replay.speed, selection.begin, selection.end)
+        self.played.direction = selection.direction
         self._schedule = empty_schedule()
         self._blocks = self._all_blocks()
         self._waiting: Block | None = None
@@ -185,7 +188,13 @@ class Player:
         if self._stopped():
             return
         if not self._schedule.position[0].written:
-            raise ConfigError(f"{self._source.path}: {self._nothing()}")
+            chosen = self._replay.selection
+            what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
+            if replace(chosen, direction="both") == Selection("both"):
+                why = f"{what} in the recording; allowed: a recording with such frames"
+            else:
+                why = f"{what} matches the selection; allowed: a selection that holds frames"
+            raise ConfigError(f"{self._source.path}: {why}")
         memory, noted = Memory(1, 1), list[NotedTransport]()
 
         def seen_by(transport: Transport) -> Transport:
@@ -206,13 +215,6 @@ class Player:
             for note in self._source.notes:
                 self._listener.say(f"{self._source.path}: {note}")
             memory.close()
-
-    def _nothing(self) -> str:
-        chosen = self._replay.selection
-        what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
-        if replace(chosen, direction="both") == Selection("both"):
-            return f"{what} in the recording; allowed: a recording with such frames"
-        return f"{what} matches the selection; allowed: a selection that holds frames"
 
     def _all_blocks(self) -> Iterator[Block]:
         """Yield what shall be played, round after round; a recording that fits into the ring is read once."""
@@ -345,11 +347,3 @@ def machine_code() -> Any:
     code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())
     scratch.close()
     return code
-
-
-def _directed(replay: Replay, source: Recording) -> Replay:
-    """Return the replay with its direction, which follows from the recording if none was given."""
-    if replay.selection.direction:
-        return replay
-    direction = "sent" if has_sent(source) else "both"
-    return replace(replay, selection=replace(replay.selection, direction=direction))

@@ -18,10 +18,6 @@ from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.transport.find import find_way
 
 
-def _nobody(seconds: float, end: float, sent: int) -> None:
-    """Ignore how far a replay is."""
-
-
 @command(ReplayRequest)
 def replay(request: ReplayRequest) -> Played:
     """Play the frames of a recording onto a bus or a serial line, with the original timing.
@@ -67,7 +63,7 @@ def player_for(
     request: ReplayRequest,
     listener: Listener | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    progress: Callable[[float, float, int], None] = _nobody,
+    progress: Callable[[float, float, int], None] = lambda seconds, end, sent: None,
 ) -> Player:
     """Return the player of a request, which opens its recording. Raises ConfigError."""
     rig = rig_of(request.rig)

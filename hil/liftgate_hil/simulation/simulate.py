@@ -1,4 +1,4 @@
-"""Offline simulation of a vehicle: a voltage step or measured inputs in, a table out.
+"""Offline simulation of a vehicle: a voltage step or an input file in, a table out.
 
 It starts unlatched and at rest. A sample of the input holds from its time until the next one.
 """
@@ -9,42 +9,94 @@ import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.described_result import DescribedResult, Shown
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, printable
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
 from liftgate_hil.formats.guarded import Say, raise_failures, silent
-from liftgate_hil.formats.open import check_file, open_writer
-from liftgate_hil.formats.suffixes import FORMATS, TABLES
+from liftgate_hil.formats.open import check_file, open_file, open_writer
+from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_ROWS
 from liftgate_hil.formats.target import check_no_input, is_one_of
 from liftgate_hil.loop.simulation import Block, blocks_of
-from liftgate_hil.measurement.input_file import read_samples
-from liftgate_hil.measurement.mapping import parse_maps
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs, parse_maps
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
+from liftgate_hil.measurement.table import (
+    INPUT_KIND,
+    RECORDED_NOTE,
+    SIDES,
+    TableReading,
+    misspelt,
+    read_series,
+    shift_inputs,
+)
 from liftgate_hil.plan.fault_columns import fault_columns_of
 from liftgate_hil.plan.provenance import origin_offline
-from liftgate_hil.plan.setup import Setup, setup_for
+from liftgate_hil.plan.setup import setup_for
 from liftgate_hil.plan.stimulation import offline_of
 from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
-from liftgate_hil.stimuli.samples import Samples, constant_voltage
+from liftgate_hil.stimuli.samples import Floats, Samples, constant_voltage
 from liftgate_plant.initial import initial_state
 
-Floats = NDArray[np.float64]
+_OURS = {*COLUMN_PLACE, *OUTPUTS}  # what a recording or a measurement also holds, which nobody takes for an input
+_MOST_NAMED = 5  # unknown columns
 Sink = Callable[[Content, Iterable[Floats]], None]  # takes rows (n, places) as they come
-
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a duration, at most
 
 
-def _nobody(time_s: float, duration_s: float) -> None:
-    """Ignore how far a simulation is."""
+def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
+    """Return the inputs in a table, by our names or as mapped, from time 0 on, and notes on the table.
+
+    Raises ConfigError with all issues.
+    """
+    reading, series, shared = read_series(path, open_file(path, WITH_ROWS), mapping, INPUT_KIND)
+    issues = [
+        f"{path}: {name}: empty cell in row {int(np.argmax(np.isnan(each.values))) + 1}; allowed: a number"
+        for name, each in series.items()
+        if np.any(np.isnan(each.values))
+    ]
+    own = [each.times for each in series.values() if each.times is not None]
+    times = shared if shared is not None else np.unique(np.concatenate(own))
+    if not issues and not len(times):
+        issues.append(f"{path}: no rows; allowed: one or more")
+    if issues:
+        raise ConfigError(issues)
+    columns: dict[str, Floats] = {}
+    for name, each in series.items():
+        held = each.values
+        if each.times is not None:
+            held = held[np.maximum(np.searchsorted(each.times, times, side="right") - 1, 0)]
+        columns[name] = held
+    if reading.recorded:
+        shift_inputs(columns)
+    if reading.names.get("latch_released") == "latched":
+        columns["latch_released"] = 1.0 - columns["latch_released"]
+    both = columns.pop("voltage_v", None)
+    if both is not None:
+        columns |= {f"{side}_voltage_v": both for side in SIDES}
+    return Samples(times - times[0], columns), _notes(reading, times)
+
+
+def _notes(reading: TableReading, times: Floats) -> tuple[str, ...]:
+    notes = [*reading.file.notes, *([RECORDED_NOTE] if reading.recorded else [])]
+    if times[0] != 0.0:
+        notes.append(f"begins at {times[0]:.9g} s, which is time 0 here")
+    names, near = reading.file.names, misspelt(reading, ("voltage_v", *INPUTS))
+    notes += near.values()
+    known = {*near, *reading.names.values(), *(Theirs(name).found_in(names) for name in _OURS)}
+    others = [name for name in names if name and name not in known]
+    if others:
+        more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
+        notes.append(f"ignored, as no input has this name: {printable(', '.join(others[:_MOST_NAMED]))}{more}")
+    return tuple(notes)
 
 
 # fmt: off
@@ -80,7 +132,7 @@ def simulated(
     request: SimulateRequest,
     sink: Sink | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    report: Callable[[float, float], None] = _nobody,
+    report: Callable[[float, float], None] = lambda time_s, duration_s: None,
     say: Say = silent,
     note: Say = silent,
 ) -> Simulation:
@@ -93,7 +145,11 @@ def simulated(
     setup = setup_for(request)
     inputs = [*setup.inputs, *(Path(name) for name in (request.input, *request.maps) if name)]
     output, edges = _targets_of(request, inputs)
-    samples, notes = _samples_of(request)
+    notes: Sequence[str] = ()
+    if request.input is None:
+        samples = constant_voltage(request.voltage or 0.0)
+    else:
+        samples, notes = read_samples(Path(request.input), parse_maps(request.maps))
     duration = request.duration if request.duration is not None else setup.scenario.duration
     if duration is None:
         duration = _length_of(request, samples.times)
@@ -106,6 +162,10 @@ def simulated(
         raise ConfigError(
             f"`duration` {duration:g}: allowed: up to {_MOST_ROWS:g} rows in memory, more with `output`"
         )
+    about = ""  # where the output's format cannot hold it
+    if output is not None and FORMATS[output.suffix].holds_about:
+        files = {"input": Path(request.input)} if request.input is not None else {}
+        about = origin_offline(setup, request.step, duration, files)
     offline = offline_of(setup, request.step)
     state, steps = initial_state(offline.constants.plant, setup.start_angle), round(duration / request.step)
     course = _Course(steps * request.step, report)
@@ -113,14 +173,16 @@ def simulated(
         columns_of(setup.vehicle.drives, offline=True),
         title="liftgate-hil simulate",
         remark=course.remark,
-        about=_about(request, setup, output, duration),
+        about=about,
         inputs=inputs,
     ).with_faults(fault_columns_of(setup.scenario.faults))
-    collected = _Collected()
-    if output is not None:
-        take: Sink = _FileSink(output, say)
-    else:
-        take = collected if sink is None else sink
+    columns: dict[str, Floats] = {}
+
+    def keep(content: Content, rows: Iterable[Floats]) -> None:
+        table = np.concatenate([np.zeros((0, len(content.places))), *(each[:, content.places] for each in rows)])
+        columns.update(zip(content.columns, table.T, strict=True))
+
+    take = partial(_write, output, say) if output is not None else sink or keep
     with contextlib.ExitStack() as stack:
         edge_file = None
         if edges is not None:
@@ -128,29 +190,8 @@ def simulated(
         blocks = course.over(blocks_of(offline, state, samples, steps, request.every), stopped)
         take(content, map(content.whole, _rows_of(blocks, edge_file)))
     return Simulation(
-        collected.columns,
-        course.rows,
-        course.time,
-        course.duration,
-        course.is_complete,
-        tuple(found),
-        course.remark(),
+        columns, course.rows, course.time, course.duration, course.is_complete, tuple(found), course.remark()
     )
-
-
-def _samples_of(request: SimulateRequest) -> tuple[Samples, Sequence[str]]:
-    """Return the inputs, and notes on how they were read. Raises ConfigError."""
-    if request.input is None:
-        return constant_voltage(request.voltage or 0.0), ()
-    return read_samples(Path(request.input), parse_maps(request.maps))
-
-
-def _about(request: SimulateRequest, setup: Setup, output: Path | None, duration: float) -> str:
-    """Return the provenance for the output; empty where its format cannot hold it."""
-    if output is None or not FORMATS[output.suffix].holds_about:
-        return ""
-    files = {"input": Path(request.input)} if request.input is not None else {}
-    return origin_offline(setup, request.step, duration, files)
 
 
 class _Course:
@@ -181,37 +222,18 @@ class _Course:
         return f"incomplete, stopped at {self.time:.3f} s of {self.duration:g} s"
 
 
-class _Collected:
-    """Sink that keeps the table."""
-
-    def __init__(self) -> None:
-        self.columns: dict[str, Floats] = {}
-
-    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
-        """Take the rows as columns by name."""
-        parts = [block[:, content.places] for block in rows]
-        table = np.concatenate(parts) if parts else np.zeros((0, len(content.places)))
-        self.columns = dict(zip(content.columns, table.T, strict=True))
-
-
-class _FileSink:
-    """Sink that writes the table to a file."""
-
-    def __init__(self, path: Path, say: Say) -> None:
-        self._path, self._say = path, say
-
-    def __call__(self, content: Content, rows: Iterable[Floats]) -> None:
-        """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
-        recorder = open_writer(self._path, content, None, self._say, "output", is_salvaged=False)
-        try:
-            recorder.begin(0)
-            for block in rows:
-                recorder.write_rows(block)
-                if recorder.failure:
-                    break
-        finally:
-            recorder.close()
-        raise_failures([recorder])
+def _write(path: Path, say: Say, content: Content, rows: Iterable[Floats]) -> None:
+    """Write all rows of a table, until writing fails. Raises ConfigError, RecordingError."""
+    recorder = open_writer(path, content, None, say, "output", is_salvaged=False)
+    try:
+        recorder.begin(0)
+        for block in rows:
+            recorder.write_rows(block)
+            if recorder.failure:
+                break
+    finally:
+        recorder.close()
+    raise_failures([recorder])
 
 
 def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterator[str]:
@@ -226,10 +248,7 @@ def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterat
 
 
 def _length_of(request: SimulateRequest, times: Floats) -> float:
-    """Return the length of the input [s]. Raises ConfigError where it is implausibly long.
-
-    A clock that jumps would make hours or days of it, and fill the disk.
-    """
+    """Return the length of the input [s]. Raises ConfigError where it is implausible, as of a clock that jumps."""
     if request.input is None:
         raise ConfigError("`duration`: missing; allowed: 0 to 1e+07 s")
     length = float(times[-1])

@@ -20,8 +20,7 @@ from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions
 from liftgate_hil.judging.judge import Gap
 from liftgate_hil.measurement.bus_log import refusals_in, reported, span_of, unwrapped
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
-from liftgate_hil.measurement.mapping import ColumnMap, Theirs, own_column
-from liftgate_hil.measurement.units import near_miss
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs, near_miss, own_column
 from liftgate_hil.signals import COLUMNS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import ColumnSamples, RecordedRun, rounded_to_us
 from liftgate_hil.testing.run_clocks import notes_on_begin, set_clocks

@@ -24,7 +24,6 @@ from liftgate_hil.campaigns.adaptive import (
 )
 from liftgate_hil.campaigns.base import Base
 from liftgate_hil.campaigns.campaign import Campaign, CampaignProgress, CampaignStoppedError
-from liftgate_hil.campaigns.design import shares_of
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.evaluation import Row
 from liftgate_hil.campaigns.executors.executor import Batch, Done
@@ -32,7 +31,7 @@ from liftgate_hil.campaigns.figures import NO_FIGURES
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import table_of
-from liftgate_hil.campaigns.space import Space
+from liftgate_hil.campaigns.space import Space, shares_of
 from liftgate_hil.campaigns.store import Store
 
 SHORT = """

@@ -11,7 +11,7 @@ import pytest
 from c_library import build, needs_compiler
 from campaign_support import SHORT, silent_ecu
 
-from liftgate_hil.campaigns.base import Base, base_of, batch_name, settings_of
+from liftgate_hil.campaigns.base import Base, base_of, settings_of
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
@@ -170,8 +170,8 @@ def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:
     values = np.array([[1.0, 2.0], [3.0, 4.0]])
     changed = np.nextafter(values, 9.0)
     names = [
-        batch_name(base, values), batch_name(base, values[::-1]), batch_name(base, values[:1]),
-        batch_name(base, changed), batch_name(other, values),
+        base.variant(values), base.variant(values[::-1]), base.variant(values[:1]),
+        base.variant(changed), other.variant(values),
     ]  # fmt: skip
     assert len(set(names)) == 5
     assert all(len(each) == 32 for each in names)
@@ -180,7 +180,7 @@ def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:
 def test_the_name_of_a_batch_does_not_depend_on_how_its_values_are_in_memory(short: str) -> None:
     base = base_with(short, "rod=1,2", "angle=1,2")
     values = np.arange(12.0).reshape(6, 2)
-    expected = batch_name(base, values)
-    assert batch_name(base, np.asfortranarray(values)) == expected
-    assert batch_name(base, np.repeat(values, 2, axis=0)[::2]) == expected
-    assert batch_name(base, values.astype(">f8")) == expected
+    expected = base.variant(values)
+    assert base.variant(np.asfortranarray(values)) == expected
+    assert base.variant(np.repeat(values, 2, axis=0)[::2]) == expected
+    assert base.variant(values.astype(">f8")) == expected

@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from liftgate_hil.campaigns.design import Design, shares_of
 from liftgate_hil.campaigns.request import METHODS
-from liftgate_hil.campaigns.space import Space, space_of
+from liftgate_hil.campaigns.space import Design, Space, shares_of, space_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle

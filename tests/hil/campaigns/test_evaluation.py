@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from liftgate_hil.campaigns.base import Base, base_of
-from liftgate_hil.campaigns.evaluation import Evaluator, Row
+from liftgate_hil.campaigns.evaluation import Evaluator, Row, Vehicles
 from liftgate_hil.campaigns.figures import Figures, figures_of
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import Space
-from liftgate_hil.campaigns.vehicles import Vehicles
 from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config

@@ -401,7 +401,7 @@ def test_variants_with_another_verdict_come_first_then_the_largest_differences(t
     assert found.differing["rod"].to_pylist() == [3.0, 2.0, 4.0]
     assert found.differing["largest_difference"].to_pylist() == [1.5, 10.0, 0.125]
     assert found.differing["against.margin.a.b"].to_pylist() == [0.5, 2.5, -2.0]
-    assert found.as_dict() == {
+    assert found.to_dict() == {
         "ecus": ["one", "two"],
         "variants": 5,
         "differing": 3,
@@ -439,7 +439,9 @@ def end_of(budget: int) -> SearchEnd:
 
 
 def test_a_search_tells_its_smallest_margin_and_its_first_failure() -> None:
-    found = adaptive_sections.worst_as_dict(Worst(end_of(5), HISTORY, HISTORY[:2]), "soft", "abc", ["rod"])
+    found = adaptive_sections.worst_result(
+        Worst(end_of(5), HISTORY, HISTORY[:2]), "soft", "abc", ["rod"]
+    ).to_dict()
     assert (found["margin"], found["values"], found["found_after"]) == (-1.5, {"rod": 3.0}, 3)
     assert (found["first_failure_after"], found["failures"]) == (3, 3)
     assert found["random"] == {"evaluations": 2, "margin": 4.0, "first_failure_after": None, "failures": 0}
@@ -469,7 +471,7 @@ def test_a_probability_tells_its_interval_and_what_plain_draws_would_need() -> N
 def test_a_probability_of_nothing_seen_is_told_as_a_bound() -> None:
     own = Probability(estimate(0.0, bounded=True, variation=math.inf), np.zeros((0, 3)), 100)
     assert "its probability of failure is below 0.0002" in adaptive_sections.probability_section(own, "soft")
-    assert adaptive_sections.probability_as_dict(own, "soft")["variation"] is None
+    assert adaptive_sections.probability_result(own, "soft").to_dict()["variation"] is None
 
 
 def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: Path) -> None:

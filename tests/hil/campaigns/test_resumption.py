@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from liftgate_hil.campaigns.folder import MANIFEST, Folder
-from liftgate_hil.campaigns.prepared import Prepared, prepared
+from liftgate_hil.campaigns.prepared import Pace, Prepared, pace_before, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.campaigns.resumption import Pace, pace_before
 from liftgate_hil.errors import ConfigError
 
 SHORT = """

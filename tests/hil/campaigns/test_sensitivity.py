@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from liftgate_hil.campaigns.design import shares_of
-from liftgate_hil.campaigns.reporting.sensitivity import classes_of, first_order, rest_of
+from liftgate_hil.campaigns.reporting.summary import classes_of, first_order, rest_of
+from liftgate_hil.campaigns.space import shares_of
 
 A, B = 7.0, 0.1  # of Ishigami and Homma (1990), as in Saltelli et al. (2008)
 

@@ -21,9 +21,9 @@ import pytest
 from campaign_support import SHORT
 
 from liftgate_hil.campaigns.base import Base
-from liftgate_hil.campaigns.executors import idle_slots
-from liftgate_hil.campaigns.executors.idle_slots import IdleSlots
+from liftgate_hil.campaigns.executors import task
 from liftgate_hil.campaigns.executors.slot import Slot
+from liftgate_hil.campaigns.executors.task import IdleSlots
 from liftgate_hil.campaigns.prepared import prepared
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.isolate import children
@@ -123,8 +123,8 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.threads = 0.0, list[Any]()
-        monkeypatch.setattr(idle_slots, "time", SimpleNamespace(monotonic=lambda: self.now, sleep=self._sleep))
-        monkeypatch.setattr(idle_slots, "threading", SimpleNamespace(Lock=threading.Lock, Thread=self._thread))
+        monkeypatch.setattr(task, "time", SimpleNamespace(monotonic=lambda: self.now, sleep=self._sleep))
+        monkeypatch.setattr(task, "threading", SimpleNamespace(Lock=threading.Lock, Thread=self._thread))
 
     def _sleep(self, seconds: float) -> None:
         self.now += seconds

@@ -10,7 +10,7 @@ import pytest
 from liftgate_hil.campaigns.evaluation import Evaluator, Row
 from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.campaigns.scenario_file import scenario_text
+from liftgate_hil.campaigns.stages import scenario_text
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.drive.run import run
 

@@ -12,9 +12,8 @@ import pytest
 from fitting_files import KEPT, call, driven, noisy, settings, simulated, write_columns
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.commands import identification_of
+from liftgate_hil.identification.commands import identification_of, vehicle_text_of
 from liftgate_hil.identification.request import IdentifyRequest
-from liftgate_hil.identification.saved_vehicle import vehicle_text_of
 from liftgate_hil.plan.setup import vehicle_from
 
 NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"

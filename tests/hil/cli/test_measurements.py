@@ -12,8 +12,8 @@ from liftgate_hil.cli.command import Call, add_flags
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identification.measurements import measurements_of
 from liftgate_hil.identification.request import MeasuredRequest
-from liftgate_hil.measurement.known_vehicle import angle_of_position
 from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.measurement.quality import angle_of_position
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import plant_of

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.config.parameters import find_parameter, value_of
-from liftgate_hil.identification.data import Data
+from liftgate_hil.identification.data import Data, thinned
 from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.raster import thinned
 from liftgate_hil.identification.result import Identification
 from liftgate_hil.plan.setup import vehicle_from
 from tests.hil.identification.simulated import (

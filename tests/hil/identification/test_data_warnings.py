@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from liftgate_hil.identification.data import Data
-from liftgate_hil.identification.data_warnings import driven_through_gaps, never_driven, offsets_at_rest
+from liftgate_hil.identification.data_warnings import driven_through_gaps, hints, never_driven, offsets_at_rest
 from liftgate_hil.identification.fit import validated
-from liftgate_hil.identification.mismatch import hints
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.reporting.findings import validation_warnings, warnings_of
 from tests.hil.identification.simulated import (

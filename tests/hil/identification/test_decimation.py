@@ -9,11 +9,10 @@ import pytest
 
 from liftgate_hil.identification import fit
 from liftgate_hil.identification.coarse import coarse_of
-from liftgate_hil.identification.data import Data, part_of
+from liftgate_hil.identification.data import Data, part_of, thinned
 from liftgate_hil.identification.fit import fitted, validated
 from liftgate_hil.identification.multiple_shooting import in_segments
 from liftgate_hil.identification.problem import Problem
-from liftgate_hil.identification.raster import thinned
 from liftgate_hil.identification.trajectory import REST
 from liftgate_plant.rows import AT
 from tests.hil.identification import many_seeds

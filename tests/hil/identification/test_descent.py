@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from liftgate_hil.identification.bounded import within
 from liftgate_hil.identification.descent import descend, place_at
+from liftgate_hil.identification.limits import within
 from tests.hil.identification.simulated import TRUTH, measured, true_vehicle
 from tests.hil.identification.test_search import problem
 
@@ -34,7 +34,7 @@ def test_it_takes_few_simulations_and_never_goes_up() -> None:
     # Four sets of one-sided slopes and one of central ones, and a trial for each step.
     assert one.evaluations <= 45
     assert np.all(np.diff(end.history) < 0.0)
-    assert place_at(one, end.place.point, None).deviance == end.place.deviance
+    assert place_at(one, end.point, None).deviance == end.deviance
 
 
 def test_rounds_that_do_not_suffice_are_reported() -> None:

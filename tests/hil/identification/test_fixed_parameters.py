@@ -12,8 +12,7 @@ from liftgate_hil.config.parameters import find_parameter, value_of, with_value
 from liftgate_hil.identification.fit import fitted
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.reporting import html
-from liftgate_hil.identification.reporting.dependences import dependences
-from liftgate_hil.identification.reporting.findings import warnings_of, with_warnings
+from liftgate_hil.identification.reporting.findings import dependences, warnings_of, with_warnings
 from liftgate_hil.identification.reporting.html import identification_html
 from liftgate_hil.identification.reporting.text import identification_text
 from liftgate_hil.identification.result import FixedParameter, Identification

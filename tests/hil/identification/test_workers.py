@@ -6,13 +6,13 @@ import threading
 
 import pytest
 
-from liftgate_hil.identification import workers
-from liftgate_hil.identification.workers import UnwantedError, check_wanted, on_all_cpus
+from liftgate_hil.identification import trajectory
+from liftgate_hil.identification.trajectory import UnwantedError, check_wanted, on_all_cpus
 
 
 @pytest.fixture(autouse=True)
 def two_cpus(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "_cpus", lambda: 2)
+    monkeypatch.setattr(trajectory, "_cpus", lambda: 2)
 
 
 def test_results_come_in_the_order_of_their_items() -> None:

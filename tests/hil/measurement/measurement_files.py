@@ -13,7 +13,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 
 EPOCH = 1_700_000_000.0
 

@@ -16,7 +16,7 @@ from measurement_files import read
 from pyarrow import parquet
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 
 CELLS = st.sampled_from(["0", "1", "-1.5e3", "", "nan", "inf", "x", " 2 ", '"3"', '"', "1,5", "1e400"])
 NAMES = st.sampled_from(

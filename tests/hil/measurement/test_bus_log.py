@@ -30,7 +30,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.bus_log import unwrapped
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 
 FORMATS = ["log", "asc", "blf", "trc", "mf4"]
 

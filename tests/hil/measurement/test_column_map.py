@@ -12,8 +12,7 @@ from measurement_files import read, write_csv
 from liftgate_hil.config.units import unit_in
 from liftgate_hil.errors import ConfigError, allowed_names
 from liftgate_hil.formats.recording import AS_IT_IS
-from liftgate_hil.measurement.mapping import Theirs, parse_maps
-from liftgate_hil.measurement.units import KNOWN, conversion
+from liftgate_hil.measurement.mapping import KNOWN, Theirs, conversion, parse_maps
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.run_file import opened
 

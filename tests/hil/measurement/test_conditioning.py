@@ -9,12 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.identification.data import Data, rows_of
-from liftgate_hil.identification.raster import thinned
-from liftgate_hil.measurement.condition import cut_angle, cut_time
-from liftgate_hil.measurement.known_vehicle import KnownVehicle
+from liftgate_hil.identification.data import Data, rows_of, thinned
 from liftgate_hil.measurement.measurement import Floats, Measurement
-from liftgate_hil.measurement.quality import gaps_in, outliers, report_gaps, report_outliers
+from liftgate_hil.measurement.quality import (
+    KnownVehicle,
+    cut_angle,
+    cut_time,
+    gaps_in,
+    outliers,
+    report_gaps,
+    report_outliers,
+)
 
 STEP = 0.001
 QUANTUM = 0.25  # rev

@@ -213,7 +213,7 @@ def test_faults_are_reported_all_at_once_with_their_place(
 
 @pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
 def test_a_file_that_is_not_there_is_reported(tmp_path: Path, name: str, rig: object) -> None:
-    from liftgate_hil.measurement.read import read_measurement
+    from liftgate_hil.measurement.table import read_measurement
 
     with pytest.raises(ConfigError, match=r"no such file$"):
         read_measurement(tmp_path / name, {}, rig)

@@ -13,10 +13,10 @@ import pytest
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.simulation import Offline, blocks_of
-from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS, ROW_WIDTH
+from liftgate_hil.simulation.simulate import read_samples
 from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 from liftgate_plant.constants import constants_of
 from liftgate_plant.friction_profile import friction_profile

@@ -16,7 +16,7 @@ from measurement_files import write_log
 from liftgate_hil.formats import bus_log, candump_file
 from liftgate_hil.measurement.log_frames import LogFrames, read_frames
 from liftgate_hil.measurement.measurement import OUTPUTS
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PROFILES
 from liftgate_plant.bridge import CLOSE, OPEN
 from liftgate_plant.signals import Sensed, bus_name, signals_of

@@ -10,9 +10,8 @@ import pytest
 
 from liftgate_hil.errors import number_of
 from liftgate_hil.measurement.checks import check
-from liftgate_hil.measurement.known_vehicle import KnownVehicle
 from liftgate_hil.measurement.measurement import Floats, Measurement
-from liftgate_hil.measurement.quality import report_outliers
+from liftgate_hil.measurement.quality import KnownVehicle, report_outliers
 
 TIMES = np.arange(2000) * 0.001
 SPEED = 40.0 * np.sin(3.0 * TIMES)

@@ -20,7 +20,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.recording import AS_IT_IS
-from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.measurement.table import read_measurement
 from liftgate_hil.plan.setup import rig_from
 from liftgate_hil.signals import ON_TIME, columns_of
 

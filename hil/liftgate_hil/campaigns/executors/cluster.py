@@ -128,7 +128,11 @@ class Cluster:
                         again.append(batch)
                         continue
                     if answer.table:
-                        _keep(store, batch.name, answer.table)
+                        table = unpacked(answer.table)
+                        if table is None:
+                            text = "a batch that a worker handed back cannot be read: its file is damaged"
+                            raise StoreError(text)
+                        store.put(batch.name, table)
                     count(batch.count)
                     yield Done(batch, answer.retried)
         finally:
@@ -266,11 +270,3 @@ def _distributed() -> Any:
 def _bear_deaths(dask_scheduler: Any, deaths: int) -> None:
     """Set how many workers may die of a task: all tasks of a dead worker are suspect, most without a fault."""
     dask_scheduler.allowed_failures = deaths
-
-
-def _keep(store: Store, name: str, content: bytes) -> None:
-    """Write the batch that a worker has handed back. Raises StoreError."""
-    table = unpacked(content)
-    if table is None:
-        raise StoreError("a batch that a worker handed back cannot be read: its file is damaged")
-    store.put(name, table)

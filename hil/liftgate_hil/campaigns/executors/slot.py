@@ -48,17 +48,12 @@ class Slot:
         self._values: Floats = np.zeros((0, 0))
         self._deaths: Counter[int] = Counter()
         self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection | None = None
+        self.connection: Connection | None = None  # to the worker, to be waited for
         self._is_ready = False
         self._failed_starts = 0  # one after the other
         self._is_single = False  # variant by variant, after a death, so that the next one shows what it is of
         self._progress: tuple[Any, ...] = ()
         self._heard, self._moved, self._messages = Stillness(), Stillness(), 0
-
-    @property
-    def connection(self) -> Connection | None:
-        """The connection to the worker, to be waited for."""
-        return self._connection
 
     def begin(self, values: Floats) -> None:
         """Begin with a batch of variants (n, d)."""
@@ -74,11 +69,11 @@ class Slot:
         """Process what the worker has sent; return whether the batch is done. Raises LiftgateError."""
         if len(self.rows) == len(self._values):
             return True
-        assert self._connection is not None
+        assert self.connection is not None
         cause = ""
         try:
-            while self._connection.poll(0.0):
-                self._take(self._connection.recv())
+            while self.connection.poll(0.0):
+                self._take(self.connection.recv())
         except (EOFError, OSError, ValueError) as error:
             cause = self._ended() or f"its worker's answer cannot be read: {error}"
         if not cause:
@@ -90,9 +85,9 @@ class Slot:
     def close(self) -> None:
         """End the worker."""
         process, self._process = self._process, None
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
+        if self.connection is not None:
+            self.connection.close()
+            self.connection = None
         if process is not None:
             end(process, _END_S)  # asked first: it ends what users' ECUs have started
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -114,16 +109,16 @@ class Slot:
         finally:
             theirs.close()
             os.close(given)
-        self._connection = Connection(ours.detach())
+        self.connection = Connection(ours.detach())
         self._heard, self._moved = Stillness(), Stillness()
         self._progress = ()
 
     def _send(self) -> None:
-        assert self._connection is not None
+        assert self.connection is not None
         self._heard, self._moved = Stillness(), Stillness()  # without a batch it has been silent
         with contextlib.suppress(OSError):
             size = 1 if self._is_single else GROUP
-            self._connection.send((self._values[len(self.rows) :], size))
+            self.connection.send((self._values[len(self.rows) :], size))
 
     def _take(self, message: tuple[Any, ...]) -> None:
         self._messages += 1

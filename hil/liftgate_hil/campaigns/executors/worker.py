@@ -18,13 +18,13 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from liftgate_hil.campaigns.base import Base
     from liftgate_hil.campaigns.evaluation import Evaluator, Row
 
 READY, FAILED, ROW, BEAT = "ready", "failed", "row", "beat"  # first part of a message to the caller
@@ -49,11 +49,17 @@ def main() -> int:
     messenger = _Messenger(connection)
     try:
         with messenger.beating():
-            runner = _runner_of(unpickled(content))
+            from liftgate_hil.campaigns.evaluation import Evaluator
+            from liftgate_hil.ecu.find import is_foreign
+
+            evaluator = Evaluator(unpickled(content))
+            is_forked = is_foreign(evaluator.base.job.request.ecu)
+            if is_forked:
+                evaluator.load()
         messenger.send(READY)
         gc.collect()
         gc.freeze()  # the plan's objects live as long as this process
-        _serve(connection, messenger, runner)
+        _serve(connection, messenger, evaluator, is_forked)
     except (EOFError, OSError):  # nobody is left to answer to
         return 0
     except BaseException as error:
@@ -76,12 +82,13 @@ def _end(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-def _serve(connection: Connection, messenger: _Messenger, runner: Any) -> None:
+def _serve(connection: Connection, messenger: _Messenger, evaluator: Evaluator, is_forked: bool) -> None:
+    rows_of = partial(map, partial(_row_of, evaluator)) if is_forked else evaluator.rows
     while True:
         variants, size = connection.recv()
         for first in range(0, len(variants), size):
-            with messenger.beating(runner.evaluator):
-                for row in runner.rows(variants[first : first + size].tolist()):
+            with messenger.beating(evaluator):
+                for row in rows_of(variants[first : first + size].tolist()):
                     messenger.send(ROW, tuple(row))
 
 
@@ -125,62 +132,33 @@ class _Messenger:
                 os._exit(0)
 
 
-class _Direct:
-    """Evaluates variants in this process."""
+def _row_of(evaluator: Evaluator, values: Sequence[float]) -> Row:
+    """Return the row of a variant, evaluated in a child of this process; it is an error if two of them die."""
+    from liftgate_hil.campaigns.evaluation import error_row
 
-    def __init__(self, evaluator: Evaluator) -> None:
-        self.evaluator = evaluator
-
-    def rows(self, variants: Sequence[Sequence[float]]) -> Iterator[Row]:
-        """Yield the rows of variants."""
-        return self.evaluator.rows(variants)
-
-
-class _Forked:
-    """Evaluates each variant in a child of its own; one whose child dies twice is an error."""
-
-    def __init__(self, evaluator: Evaluator) -> None:
-        evaluator.load()
-        self.evaluator = evaluator
-
-    def rows(self, variants: Sequence[Sequence[float]]) -> Iterator[Row]:
-        """Yield the rows of variants."""
-        return map(self._row, variants)
-
-    def _row(self, values: Sequence[float]) -> Row:
-        from liftgate_hil.campaigns.evaluation import error_row
-
-        began, cause = time.perf_counter(), ""
-        for _ in range(2):
-            row, cause = self._tried(values)
-            if row is not None:
-                return row
-        return error_row(self.evaluator.base, cause, time.perf_counter() - began)
-
-    def _tried(self, values: Sequence[float]) -> tuple[Row | None, str]:
-        """Return the row, or None and why there is none."""
-        from liftgate_hil.campaigns.executors.forked import answer_of
-
-        evaluator = self.evaluator
-        evaluator.reset()
-        control, step = evaluator.memory.shared.control[0], 1.0 / evaluator.base.job.request.rate
-        payload, cause = answer_of(lambda: pickle.dumps(evaluator.row(values)), control)
-        if payload is None:
-            who = "the ECU" if int(control.foreign) % 2 else "the run"
-            return None, f"{who} at {int(control.tick) * step:.3f} s: {cause}"
-        try:
-            row: Row = pickle.loads(payload)
-        except Exception as error:  # foreign code can write there too
-            return None, f"the ECU: the answer of its process cannot be read: {type(error).__name__}"
-        return row, ""
+    began, cause = time.perf_counter(), ""
+    for _ in range(2):
+        row, cause = _tried(evaluator, values)
+        if row is not None:
+            return row
+    return error_row(evaluator.base, cause, time.perf_counter() - began)
 
 
-def _runner_of(base: Base) -> _Direct | _Forked:
-    from liftgate_hil.campaigns.evaluation import Evaluator
-    from liftgate_hil.ecu.find import is_foreign
+def _tried(evaluator: Evaluator, values: Sequence[float]) -> tuple[Row | None, str]:
+    """Return the row, or None and why there is none."""
+    from liftgate_hil.campaigns.executors.forked import answer_of
 
-    evaluator = Evaluator(base)
-    return _Forked(evaluator) if is_foreign(base.job.request.ecu) else _Direct(evaluator)
+    evaluator.reset()
+    control, step = evaluator.memory.shared.control[0], 1.0 / evaluator.base.job.request.rate
+    payload, cause = answer_of(lambda: pickle.dumps(evaluator.row(values)), control)
+    if payload is None:
+        who = "the ECU" if int(control.foreign) % 2 else "the run"
+        return None, f"{who} at {int(control.tick) * step:.3f} s: {cause}"
+    try:
+        row: Row = pickle.loads(payload)
+    except Exception as error:  # foreign code can write there too
+        return None, f"the ECU: the answer of its process cannot be read: {type(error).__name__}"
+    return row, ""
 
 
 if __name__ == "__main__":

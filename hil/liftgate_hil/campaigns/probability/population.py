@@ -3,27 +3,33 @@
 Au and Beck, Estimation of small failure probabilities in high dimensions by subset simulation, Probabilistic
 Engineering Mechanics 16, 2001. The moves are the conditional sampling, with an adapted length, of Papaioannou,
 Betz, Zwirglmaier and Straub, MCMC algorithms for subset simulation, Probabilistic Engineering Mechanics 41, 2015.
+
+Pockets far apart would compete in one population, and the rarer ones die out. In a cell of its own none competes:
+P(F) = Σ P(cell) P(F | cell), whatever the cells are. They are the cones of the points with the same nearest pocket
+direction, and not the Voronoi cells of the pockets: one far out behind another would be too improbable to sample.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.campaigns.probability.cells import Cells
+from liftgate_hil.campaigns.distributions import Floats
 
-Floats = NDArray[np.float64]
+# Points for the cells' probabilities: one of 0.01 is then known to 3 %, far better than P(F | cell).
+_DRAWS = 1 << 17
+_CHUNK = 1 << 13  # points at a time, for the memory
+_LEAST = 0.003  # probability of a cell, at least: below, its first population would take thousands of draws
+_BETWEEN = (0.25, 0.5, 0.75)  # places on the line between two pockets where a gap between them would be seen
 Indices = NDArray[np.intp]
 Result = TypeVar("Result")
-
-SHARE = (
-    0.1  # of a population that the next level keeps (Au and Beck); 0.2 takes more evaluations for the same spread
-)
+# Of a population that the next level keeps (Au and Beck); 0.2 takes more evaluations for the same spread.
+SHARE = 0.1
 _PLATEAU = 0.5  # share of a population above which a level would be no progress, but a plateau of the margin
 LARGEST_FAILING = -sys.float_info.min  # the largest margin that fails
 _ACCEPTANCE = 0.44  # share of accepted moves to aim at (Papaioannou et al.)
@@ -31,14 +37,69 @@ _FIRST_LENGTH = 0.6  # of a move, in standard deviations (the same); adapted fro
 _LEAST_LENGTH = 0.02  # where nothing is accepted, for example on a thin plateau: moves must not come to rest
 
 
+class Cells:
+    """A partition of the space into `count` cells, whose `probabilities` (count,) are the standard normal's."""
+
+    def __init__(self, pockets: Floats, connected: Iterable[tuple[int, int]], most: int, seed: int) -> None:
+        """Give each of the pockets (k, d), none at the origin, a cell; connected ones, and near ones, share it."""
+        count, dimension = pockets.shape
+        self.dimension = dimension
+        self._directions = pockets / np.linalg.norm(pockets, axis=1)[:, None]
+        self._labels: NDArray[np.intp] = np.arange(count)
+        for i, j in connected:
+            self._labels[self._labels == self._labels[i]] = self._labels[j]
+        shares = np.zeros(count)
+        rng = np.random.default_rng((seed, 0))
+        for _ in range(_DRAWS // _CHUNK if count > 1 else 0):
+            nearest = self._nearest(rng.standard_normal((_CHUNK, dimension)))
+            shares += np.bincount(nearest, minlength=count) / _DRAWS
+        labels = np.unique(self._labels)
+        while len(labels) > 1:
+            sizes = [float(np.sum(shares[self._labels == label])) for label in labels]
+            if len(labels) <= most and min(sizes) >= _LEAST:
+                break
+            own = self._labels == labels[np.argmin(sizes)]
+            near = np.max(self._directions @ self._directions[own].T, axis=1)
+            self._labels[own] = self._labels[np.argmax(np.where(own, -np.inf, near))]
+            labels = np.unique(self._labels)
+        self.count = max(len(labels), 1)
+        self._labels = np.searchsorted(labels, self._labels)
+        self.probabilities = np.bincount(self._labels, shares) if self.count > 1 else np.ones(1)
+
+    def holds(self, cell: int, points: Floats) -> NDArray[np.bool_]:
+        """Tell which of the points (n, d) are in the cell."""
+        if self.count == 1:
+            return np.ones(len(points), dtype=np.bool_)
+        return np.equal(self._labels[self._nearest(points)], cell)
+
+    def draw(self, cell: int, size: int, rng: np.random.Generator) -> Floats:
+        """Return standard normal points (size, d) in the cell."""
+        found = np.zeros((0, self.dimension))
+        while len(found) < size:
+            points = rng.standard_normal((size, self.dimension))
+            found = np.concatenate([found, points[self.holds(cell, points)]])
+        return found[:size]
+
+    def _nearest(self, points: Floats) -> NDArray[np.intp]:
+        nearest: NDArray[np.intp] = np.argmax(points @ self._directions.T, axis=1)
+        return nearest
+
+
+def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:
+    """Return the pairs of pockets and the points (pairs * 3, d) between; all fail where a pair is connected."""
+    pairs = [(i, j) for i in range(len(pockets)) for j in range(i)]
+    places = np.array(_BETWEEN)[:, None]
+    lines = [pockets[i] + places * (pockets[j] - pockets[i]) for i, j in pairs]
+    return pairs, np.concatenate([np.zeros((0, pockets.shape[1])), *lines])
+
+
 class SubsetLevel(NamedTuple):
     """Level of subset simulation: a threshold that a run has reached; the last one of a run is the failure."""
 
     cell: int
     run: int
-    threshold: (
-        float  # margin, in its own unit: the level is the event that the margin is at most this; 0: negative
-    )
+    # Margin, in its own unit: the level is the event that the margin is at most this; 0: negative.
+    threshold: float
     probability: float  # of this level given the level before, or given the cell
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import significant
@@ -30,39 +32,84 @@ def first_failure(history: Sequence[Evaluated]) -> int | None:
     return next((each.number for each in history if each.fails), None)
 
 
-def worst_as_dict(
+# fmt: off
+@dataclass(frozen=True)
+class DrawsResult(DescribedResult):
+    """What random draws have found."""
+
+    evaluations: Annotated[int, Shown("number of draws")]
+    margin: Annotated[float | None, Shown("smallest margin, in the expectation's unit; null: no draw has one")]
+    first_failure_after: Annotated[int | None, Shown("draws until the first failure; null: none fails")]
+    failures: Annotated[int, Shown("number of failures")]
+
+
+@dataclass(frozen=True)
+class WorstResult(DescribedResult):
+    """What a search has found; its smallest margin is that of all evaluations, random draws included."""
+
+    expectation: Annotated[str, Shown("`--worst`, `--probability`: name of the expectation")]
+    variant: Annotated[str, Shown("`--worst`: the variant with the smallest margin, as in `results.parquet`")]
+    margin: Annotated[float | None, Shown("`--worst`: its margin, in `margin_unit`; null: no variant has one")]
+    margin_unit: Annotated[str, Shown("`--worst`: unit of the margins; empty: none, or comparisons in several "
+        "units")]
+    values: Annotated[Mapping[str, float], Shown("`--worst`: its values", names=("NAME",),
+        meanings=("value of what was varied",))]
+    evaluations: Annotated[int, Shown("`--worst`, `--probability`: number of evaluations")]
+    found_after: Annotated[int | None, Shown("`--worst`: evaluations until it was found, random ones included; "
+        "null: none")]
+    first_failure_after: Annotated[int | None, Shown("`--worst`: evaluations until the first failure; null: none "
+        "fails")]
+    failures: Annotated[int, Shown("`--worst`: number of failures")]
+    stopped: Annotated[str, Shown("`--worst`: why the search ended, in words")]
+    evidence: Annotated[str, Shown("`--worst`: how sure the result is, in words")]
+    restarts: Annotated[int, Shown("`--worst`: descents that were begun")]
+    random: Annotated[DrawsResult, Shown("`--worst`: as many random draws, for comparison")]
+
+
+@dataclass(frozen=True)
+class ProbabilityResult(DescribedResult):
+    """What an estimate of a probability has found; NaN: unknown."""
+
+    expectation: Annotated[str, Shown("`--worst`, `--probability`: name of the expectation")]
+    probability: Annotated[float, Shown("`--probability`: probability of failure, 0 to 1; null: unknown")]
+    low: Annotated[float, Shown("`--probability`: begin of its interval; null: unknown")]
+    high: Annotated[float, Shown("`--probability`: end of its interval; null: unknown")]
+    confidence: Annotated[float, Shown("`--probability`: confidence of the interval, 0 to 1")]
+    variation: Annotated[float, Shown("`--probability`: coefficient of variation; null: unknown")]
+    is_upper_bound: Annotated[bool, Shown("`--probability`: true: the probability is only known to be lower")]
+    method: Annotated[str, Shown("`--probability`: method of the estimate")]
+    evaluations: Annotated[int, Shown("`--worst`, `--probability`: number of evaluations")]
+    of_these_searching: Annotated[int, Shown("`--probability`: evaluations that only searched for failures")]
+    without_verdict: Annotated[int, Shown("`--probability`: evaluations without a margin")]
+    pockets: Annotated[int, Shown("`--probability`: separate regions of failures that were found")]
+
+
+# fmt: on
+def worst_result(
     found: Worst, expectation: str, variant: str, names: Sequence[str], unit: str = ""
-) -> dict[str, Any]:
-    """Return a search for JSON; the smallest margin is that of all evaluations, random draws included.
-
-    `unit` is that of the margins; "": they have none, or several.
-    """
-    best = least_of(found.everything)
-    return {
-        "expectation": expectation,
-        "variant": variant,
-        "margin": None if best is None else best.margin,
-        "margin_unit": unit,
-        "values": {} if best is None else dict(zip(names, best.values, strict=True)),
-        "evaluations": found.end.evaluations,
-        "found_after": None if best is None else best.number,
-        "first_failure_after": first_failure(found.search),
-        "failures": sum(each.fails for each in found.search),
-        "stopped": found.end.reason,
-        "evidence": found.end.evidence,
-        "restarts": found.end.restarts,
-        "random": _random_as_dict(found.random),
-    }
-
-
-def _random_as_dict(history: Sequence[Evaluated]) -> dict[str, Any]:
-    best = least_of(history)
-    return {
-        "evaluations": len(history),
-        "margin": None if best is None else best.margin,
-        "first_failure_after": first_failure(history),
-        "failures": sum(each.fails for each in history),
-    }
+) -> WorstResult:
+    """Return the result of a search; `unit` is that of the margins; "": they have none, or several."""
+    best, drawn, random = least_of(found.everything), least_of(found.random), found.random
+    return WorstResult(
+        expectation,
+        variant,
+        None if best is None else best.margin,
+        unit,
+        {} if best is None else dict(zip(names, best.values, strict=True)),
+        found.end.evaluations,
+        None if best is None else best.number,
+        first_failure(found.search),
+        sum(each.fails for each in found.search),
+        found.end.reason,
+        found.end.evidence,
+        found.end.restarts,
+        DrawsResult(
+            len(random),
+            None if drawn is None else drawn.margin,
+            first_failure(random),
+            sum(each.fails for each in random),
+        ),
+    )
 
 
 def worst_section(found: Worst, expectation: str, units: Mapping[str, str], line: str, unit: str = "") -> str:
@@ -121,24 +168,22 @@ def _convergence(found: Worst) -> Figure:
     return drawn
 
 
-def probability_as_dict(found: Probability, expectation: str) -> dict[str, Any]:
-    """Return a probability for JSON."""
+def probability_result(found: Probability, expectation: str) -> ProbabilityResult:
+    """Return the result of an estimate."""
     own = found.estimate
     is_known = own.unknown < own.evaluations
-    return {
-        "expectation": expectation,
-        "probability": own.probability if is_known else None,
-        "low": own.low if is_known else None,
-        "high": own.high if is_known else None,
-        "confidence": 0.95,
-        "variation": own.variation if math.isfinite(own.variation) else None,
-        "is_upper_bound": own.bounded,
-        "method": own.method,
-        "evaluations": own.evaluations + found.searched,
-        "of_these_searching": found.searched,
-        "without_verdict": own.unknown,
-        "pockets": len(found.pockets),
-    }
+    return ProbabilityResult(
+        expectation,
+        *((own.probability, own.low, own.high) if is_known else (math.nan,) * 3),
+        0.95,
+        own.variation,
+        own.bounded,
+        own.method,
+        own.evaluations + found.searched,
+        found.searched,
+        own.unknown,
+        len(found.pockets),
+    )
 
 
 def probability_section(found: Probability, expectation: str) -> str:

@@ -5,42 +5,47 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
 from liftgate_hil.campaigns.reporting.heat_map import breakable, label_of
 from liftgate_hil.campaigns.results import JUDGED, MARGIN, VARIANT, VERDICT, arrow, numbers_in, reading
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.report.numbers import plain, significant
 from liftgate_hil.report.page import Markup, section, table, text
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 AGAINST = "against."  # prefix of the other ECU's columns
 DIFFERENCE = "largest_difference"
 _SHOWN = 20
 
 
-class ResultsComparison(NamedTuple):
+# fmt: off
+@dataclass(frozen=True)
+class ResultsComparison(DescribedResult):
     """Comparison of two files of results."""
 
-    variants: int  # in both
-    pairs: dict[tuple[str, str], int]  # variants by verdict of the one and of the other
-    differing: pa.Table  # variants whose verdict or margins differ, the most different first
-    names: tuple[str, str]  # of the ECUs
+    names: Annotated[tuple[str, str], Shown("names of the ECUs: [first, second]", key="ecus")]
+    variants: Annotated[int, Shown("variants that both have gone through")]
+    pairs: Mapping[tuple[str, str], int]  # variants by verdict of the one and of the other
+    differing: Any  # pa.Table of the variants whose verdict or margins differ, the most different first
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the comparison for JSON."""
-        return {
-            "ecus": list(self.names),
-            "variants": self.variants,
-            "differing": self.differing.num_rows,
-            "verdicts": {f"{one} / {other}": number for (one, other), number in sorted(self.pairs.items())},
-        }
+    @property
+    def count(self) -> Annotated[int, Shown("variants whose verdict or margins differ, see "
+            "`differences.parquet`", key="differing")]:
+        """Number of variants that differ."""
+        return int(self.differing.num_rows)
+
+    @property
+    def verdicts(self) -> Annotated[Mapping[str, int], Shown("variants by the two verdicts", names=("PAIR",),
+            meanings=("number of variants; the key is e.g. `pass / fail`",))]:
+        """Numbers of variants by both verdicts."""
+        return {f"{one} / {other}": number for (one, other), number in sorted(self.pairs.items())}
 
 
+# fmt: on
 def comparison_of(
     own: Path, other: Path, varied: Sequence[str], expectations: Sequence[str], names: tuple[str, str]
 ) -> ResultsComparison:
@@ -75,17 +80,17 @@ def comparison_of(
     for name in (VARIANT, VERDICT, *judged, *margins):
         found = found.append_column(f"{AGAINST}{name}", two[name].take(kept))
     pairs = Counter(zip(verdicts[0].tolist(), verdicts[1].tolist(), strict=True))
-    return ResultsComparison(one.num_rows, dict(pairs), found, names)
+    return ResultsComparison(names, one.num_rows, pairs, found)
 
 
 def comparison_section(found: ResultsComparison, units: Mapping[str, str]) -> str:
     """Return the report's section on a comparison; `units` are those of all varied names, in their order."""
     one, other = found.names
-    if not found.differing.num_rows:
+    if not found.count:
         story = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."
         return section("Two ECUs", f"<p>{text(story)}</p>")
     changed = sum(number for (a, b), number in found.pairs.items() if a != b)
-    story = f"Of {found.variants:,} variants {found.differing.num_rows:,} differ, {changed:,} in the verdict."
+    story = f"Of {found.variants:,} variants {found.count:,} differ, {changed:,} in the verdict."
     pairs = [
         (a, b, f"{number:,}" if a == b else Markup(f"<b>{number:,}</b>"))
         for (a, b), number in sorted(found.pairs.items())

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from liftgate_hil.campaigns.distributions import Floats
+from liftgate_hil.campaigns.distributions import Floats, clopper_pearson
 from liftgate_hil.campaigns.folder import replay_line
 from liftgate_hil.campaigns.reporting.heat_map import STYLE as HEAT_STYLE
 from liftgate_hil.campaigns.reporting.heat_map import HeatMapCells, breakable, cells_of, heat_map, label_of
-from liftgate_hil.campaigns.reporting.sensitivity import Index, rest_of
-from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary
+from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary, rest_of
 from liftgate_hil.campaigns.results import MARGIN
-from liftgate_hil.campaigns.share import clopper_pearson
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
@@ -88,11 +86,6 @@ def report(
     )
 
 
-def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two; `units` are those of varied names."""
-    return f'<p class="lead">{text(_story(summary, units))}</p>'
-
-
 def has_forces(summary: CampaignSummary) -> bool:
     """Whether anything was pinched in any variant."""
     return bool(np.nanmax(summary.force, initial=0.0) > 0.0)
@@ -142,8 +135,8 @@ def interval(failed: int, count: int) -> str:
     return f"{significant(100.0 * low, 2)} to {significant(100.0 * high, 2)} %"
 
 
-def _story(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two."""
+def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
+    """Return the result in a sentence or two; `units` are those of varied names."""
     counts = summary.counts
     failed = counts.get("fail", 0)
     decided = summary.count - counts.get("error", 0) - counts.get("inconclusive", 0)
@@ -154,7 +147,7 @@ def _story(summary: CampaignSummary, units: Mapping[str, str]) -> str:
     elif summary.expectations and decided:
         parts.append(f"None of {decided:,} variants fails.")
     parts.append(_forces(summary, units))
-    return " ".join(part for part in parts if part)
+    return f'<p class="lead">{text(" ".join(part for part in parts if part))}</p>'
 
 
 def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
@@ -180,28 +173,24 @@ def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin:
     if len(names) < 2:
         return ""
     across, down = sorted(names, key=lambda name: -len(np.unique(summary.values[name])))
+    over = summary.values[across], summary.values[down]
+    labels = label_of(across, units), label_of(down, units)
     parts = []
-    if np.nanmax(summary.force, initial=0.0) > 0.0:
+    if has_forces(summary):
         pinched = np.where(summary.force > 0.0, summary.force, np.nan)
-        cells = cells_of(summary.values[across], summary.values[down], pinched, is_low_worst=False)
-        limit, is_judged = summary.force_limit, summary.force_limit is not None
+        cells, limit = cells_of(*over, pinched, is_low_worst=False), summary.force_limit
         high = float(np.nanmax(cells.worst)) if limit is None else limit
-        drawn = heat_map(
-            cells, label_of(across, units), label_of(down, units), 0.25 * high, high, is_judged=is_judged
-        )
-        colours = f" Red and framed: over the limit of {limit:g} N." if is_judged else ""
+        drawn = heat_map(cells, *labels, 0.25 * high, high, is_judged=limit is not None)
+        colours = "" if limit is None else f" Red and framed: over the limit of {limit:g} N."
         what = "The worst of all other varied values in each cell." if len(varying) > 2 else ""
-        parts.append(
-            f"<h3>Largest pinch force [N]</h3>{drawn}"
-            f'<p class="key">{what}{colours}'
-            f"{_empty(cells, 'nothing was pinched or known')}</p>"
-        )
+        why = _empty(cells, "nothing was pinched or known")
+        parts.append(f'<h3>Largest pinch force [N]</h3>{drawn}<p class="key">{what}{colours}{why}</p>')
     if summary.driver != FORCE and has_margin:
-        cells = cells_of(summary.values[across], summary.values[down], summary.result, is_low_worst=True)
+        cells = cells_of(*over, summary.result, is_low_worst=True)
         high = float(np.nanmax(cells.worst)) if np.isfinite(cells.worst).any() else 1.0
-        drawn = heat_map(
-            cells, label_of(across, units), label_of(down, units), max(high, 1e-9), 0.0, _digits(cells.worst)
-        )
+        largest = float(np.nanmax(np.abs(cells.worst), initial=0.0))
+        digits = 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
+        drawn = heat_map(cells, *labels, max(high, 1e-9), 0.0, digits)
         parts.append(
             f"<h3>Smallest {text(_margin_label(summary))}</h3>{drawn}"
             f'<p class="key">Red and framed: it fails there.{_empty(cells, "none that was decided")}</p>'
@@ -211,11 +200,6 @@ def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin:
 
 def _empty(cells: HeatMapCells, why: str) -> str:
     return f" ·: no variant, or {why}." if np.isnan(cells.worst).any() else ""
-
-
-def _digits(values: Floats) -> int:
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    return 0 if largest >= 100.0 else 1 if largest >= 10.0 else 2
 
 
 def requirements(summary: CampaignSummary) -> str:
@@ -247,7 +231,11 @@ def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice =
     for column, indices in ((summary.driver, summary.indices), (FORCE, summary.force_indices)):
         if not indices or (column == FORCE and parts and summary.driver == FORCE):
             continue
-        rows = [_driver_row(each, units) for each in indices]
+        rows: list[tuple[str, str, str, str]] = []
+        for each in indices:
+            span = f"{significant(each.low_mean, 3)} … {significant(each.high_mean, 3)}"
+            at = with_unit(plain(float(f"{each.at_high:.4g}")), units.get(each.name, ""))
+            rows.append((breakable(each.name), _bar(each.first_order), span, at))
         rows.append(("several together, or chance", _bar(rest_of(indices)), "", ""))
         what = _margin_words(column) if column.startswith(MARGIN) else axis_label(column)
         parts.append(f"<h3>{text(what)}</h3>")
@@ -263,13 +251,6 @@ def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice =
     return parts
 
 
-def _unit_of(column: str, summary: CampaignSummary) -> str:
-    """Return the unit of a result; "": none, or several."""
-    if column == FORCE:
-        return "N"
-    return next((each.unit for each in summary.expectations if f"{MARGIN}{each.name}" == column), "")
-
-
 def _margin_label(summary: CampaignSummary) -> str:
     """Return the label of the margin that drives the summary, with its unit."""
     return _with_unit(_margin_words(summary.driver), summary.driver, summary)
@@ -281,14 +262,9 @@ def _margin_words(column: str) -> str:
 
 
 def _with_unit(words: str, column: str, summary: CampaignSummary) -> str:
-    """Return words with the unit of a result."""
-    return label_of(words, {words: _unit_of(column, summary)})
-
-
-def _driver_row(index: Index, units: Mapping[str, str]) -> tuple[str, str, str, str]:
-    span = f"{significant(index.low_mean, 3)} … {significant(index.high_mean, 3)}"
-    at = with_unit(plain(float(f"{index.at_high:.4g}")), units.get(index.name, ""))
-    return breakable(index.name), _bar(index.first_order), span, at
+    """Return words with the unit of a result, if it has one."""
+    units = {f"{MARGIN}{each.name}": each.unit for each in reversed(summary.expectations)} | {FORCE: "N"}
+    return label_of(words, {words: units.get(column, "")})
 
 
 def _bar(share: float) -> Markup:

@@ -1,10 +1,16 @@
-"""Summary of a campaign's results: verdicts, expectations, the worst variants, what drives the result."""
+"""Summary of a campaign's results: verdicts, expectations, the worst variants, what drives the result.
+
+The latter by first-order Sobol indices from the variants that were evaluated: the share of the result's variance
+that a varied value explains alone, Var(E[Y|Xi])/Var(Y), here by the mean of Y in classes of Xi, less what classes
+of so few members show by chance (Strong, Oakley and Brennan 2012; of a grid the main effect of an analysis of
+variance, ω²).
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -13,15 +19,83 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats
-from liftgate_hil.campaigns.reporting.sensitivity import Index, first_order
-from liftgate_hil.campaigns.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, reading
+from liftgate_hil.campaigns.results import ERROR, JUDGED, MARGIN, VARIANT, VERDICT, numbers_in, reading
 from liftgate_hil.judging.verdict import FAIL, PASS, VERDICTS
 
+_CLASSES = 24  # of a continuous value, at most
+_MEMBERS = 8  # of a class, at least, so that its mean says something
+_ROUNDING = 1e-12  # scatter over size up to which results are equal but for rounding
+_LEAST = 20  # results below which nothing is said
 FORCE = "peak_pinch_force_n"
 MOST_ROWS = 250_000  # variants of which sensitivity, heat maps and distributions are made, at most
 _PART = 65_536  # rows that are read at a time
 _WORST = 10  # variants that are listed
 _ERRORS = 5  # kinds of errors that are listed
+
+
+class Index(NamedTuple):
+    """First-order index of a varied value."""
+
+    name: str
+    first_order: float  # 0 to 1
+    low_mean: float  # mean of the result in the class with the lowest mean, in the result's unit
+    high_mean: float
+    at_high: float  # varied value in the middle of the class with the highest mean
+
+
+def first_order(values: Mapping[str, Floats], results: Floats) -> list[Index]:
+    """Return the indices of varied values (n,) on results (n,), the largest first; none where results do not vary.
+
+    Variants without a result (NaN) are left out.
+    """
+    known = np.isfinite(results)
+    own = results[known]
+    total = float(own.var()) if len(own) else 0.0
+    if len(own) < _LEAST or math.sqrt(total) <= _ROUNDING * float(np.abs(own).max()):
+        return []
+    found = []
+    for name, each in values.items():
+        classes = classes_of(each[known])
+        if classes is None:
+            continue
+        found.append(_index(name, each[known], own, classes, total))
+    return sorted(found, key=lambda index: -index.first_order)
+
+
+def classes_of(values: Floats) -> Floats | None:
+    """Return the class of each value (n,) as numbers from 0; None: all values are equal.
+
+    Few distinct values are classes of their own, others are divided by their quantiles.
+    """
+    distinct = np.unique(values)
+    if len(distinct) < 2:
+        return None
+    if len(distinct) <= _CLASSES:
+        return np.searchsorted(distinct, values).astype(np.float64)
+    count = max(2, min(_CLASSES, len(values) // _MEMBERS))
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)[1:-1]))
+    return np.searchsorted(edges, values, side="right").astype(np.float64)
+
+
+def _index(name: str, values: Floats, results: Floats, classes: Floats, total: float) -> Index:
+    numbers = classes.astype(np.int64)
+    sizes = np.bincount(numbers).astype(np.float64)
+    there = sizes > 0.0
+    means = np.bincount(numbers, results)[there] / sizes[there]
+    between = float((sizes[there] * (means - results.mean()) ** 2).sum())
+    count, groups = len(results), int(there.sum())
+    within = count * total - between
+    # ω²: without the part of `between` that is due to chance.
+    noise = within / (count - groups) if count > groups else 0.0
+    share = (between - (groups - 1) * noise) / (count * total + noise)
+    place = int(np.argmax(means))
+    middle = float(np.median(values[numbers == np.flatnonzero(there)[place]]))
+    return Index(name, min(max(share, 0.0), 1.0), float(means.min()), float(means.max()), middle)
+
+
+def rest_of(indices: Sequence[Index]) -> float:
+    """Return the share of the variance that no value explains alone: interactions, and chance."""
+    return max(0.0, 1.0 - math.fsum(each.first_order for each in indices))
 
 
 class ExpectationResults(NamedTuple):
@@ -93,7 +167,10 @@ def summary_of(
             for each in judged:
                 each.take(part)
         results = [each.result() for each in judged]
-        driver = f"{MARGIN}{preferred}" if preferred else _driver_of(results)
+        failing = [each for each in results if each.failed and math.isfinite(each.least)]
+        if failing and not preferred:
+            preferred = max(failing, key=lambda each: each.failed).name
+        driver = f"{MARGIN}{preferred}" if preferred else FORCE
         every = -(-file.metadata.num_rows // MOST_ROWS)
         columns = list(dict.fromkeys((*varied, driver, FORCE)))
         kept = _kept(file, columns, every)
@@ -121,14 +198,9 @@ def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
     first = 0
     for part in file.iter_batches(_PART, columns=list(columns)):
         for name in columns:
-            found[name].append(_floats(part[name])[-first % every :: every])
+            found[name].append(numbers_in(part, name)[-first % every :: every])
         first += part.num_rows
     return {name: np.concatenate(parts) for name, parts in found.items()}
-
-
-def _floats(column: Any) -> Floats:
-    found: Floats = column.to_numpy(zero_copy_only=False).astype(np.float64)
-    return found
 
 
 class _Judged:
@@ -142,7 +214,7 @@ class _Judged:
     def take(self, part: Any) -> None:
         """Count the rows of a part."""
         self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
-        margins = _floats(part[f"{MARGIN}{self._name}"])
+        margins = numbers_in(part, f"{MARGIN}{self._name}")
         known = np.isfinite(margins)
         if known.any():
             place = int(np.nanargmin(np.where(known, margins, np.nan)))
@@ -156,14 +228,6 @@ class _Judged:
         return ExpectationResults(self._name, passed, failed, undecided, self._least, self._variant, self._unit)
 
 
-def _driver_of(judged: Sequence[ExpectationResults]) -> str:
-    """Return the column that the report is about: the margin of what fails most, or else the force."""
-    failing = [each for each in judged if each.failed and math.isfinite(each.least)]
-    if not failing:
-        return FORCE
-    return f"{MARGIN}{max(failing, key=lambda each: each.failed).name}"
-
-
 def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:
     """Return the variants with the smallest margins, or the largest forces."""
     is_margin = driver.startswith(MARGIN)
@@ -171,7 +235,7 @@ def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:
     found: list[tuple[float, int, WorstVariant]] = []
     first = 0
     for part in file.iter_batches(_PART, columns=columns):
-        result = _floats(part[driver])
+        result = numbers_in(part, driver)
         badness = -result if is_margin else result
         known = np.flatnonzero(np.isfinite(badness))
         order = known[np.argsort(-badness[known], kind="stable")][:_WORST]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from liftgate_hil.campaigns.distributions import Floats
 
 # Chosen by measurement, as those of worst_search.py.
 # A point of the surrogate is worth it from this probability of reaching its target; 0.005 to 0.1 are equal.
@@ -21,7 +21,7 @@ NUGGETS = (1e-6, 1e-3, 3e-2)  # noise variances over the signal's: steps in the 
 FIT_POINTS, FIT_TRIES = 160, 4  # size and tries of a fit: keep a batch under 20 ms at 500 points
 
 
-def _matern(a: Array, b: Array) -> Array:
+def _matern(a: Floats, b: Floats) -> Floats:
     """Return the Matérn 5/2 covariances (n, m) of points (n, d) and (m, d) in units of the length scales."""
     squares = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2.0 * a @ b.T
     r = np.sqrt(5.0 * np.maximum(squares, 0.0))
@@ -37,7 +37,7 @@ class Surrogate:
         self._noise = 1
         self.fitted = False
 
-    def fit(self, x: Array, margins: Array) -> None:
+    def fit(self, x: Floats, margins: Floats) -> None:
         """Fit points (n, d) and finite margins (n,), not all equal."""
         self._middle = float(np.median(margins))
         low = float(margins.min())
@@ -61,17 +61,17 @@ class Surrogate:
         errors = self._weights / np.diag(inverse)
         return float(1.0 - (errors**2).mean() / self._spread) if self._spread else 0.0
 
-    def warp(self, margins: Any) -> Array:
+    def warp(self, margins: Any) -> Floats:
         """Return margins in units of their lower spread from the median; logarithmic above, where none matters."""
         t = (np.asarray(margins, dtype=np.float64) - self._middle) / self._unit
         return np.where(t > 0.0, np.log1p(np.maximum(t, 0.0)), t)
 
-    def mean(self, points: Array) -> Array:
+    def mean(self, points: Floats) -> Floats:
         """Return the predicted warped margins (n,)."""
         k = _matern(points / LENGTHS[self._scales], self._x)
         return np.asarray(self._mean + k @ self._weights)
 
-    def choose(self, pool: Array, targets: Sequence[float]) -> list[Array]:
+    def choose(self, pool: Floats, targets: Sequence[float]) -> list[Floats]:
         """Return for each target (a warped margin) the point likeliest to get below it, if likely enough."""
         p = pool / LENGTHS[self._scales]
         k = _matern(self._x, p)
@@ -92,12 +92,12 @@ class Surrogate:
         return chosen
 
     @staticmethod
-    def _decompose(x: Array, noise: float) -> Array:
+    def _decompose(x: Floats, noise: float) -> Floats:
         k = _matern(x, x)
         k[np.diag_indices_from(k)] += noise
         return np.asarray(cholesky(k, lower=True, check_finite=False))
 
-    def _improve(self, x: Array, y: Array) -> None:
+    def _improve(self, x: Floats, y: Floats) -> None:
         best = self._evidence(self._scales, self._noise, x, y)
         for _ in range(FIT_TRIES):
             i, step = int(self._rng.integers(len(self._scales) + 1)), int(self._rng.choice([-1, 1]))
@@ -110,7 +110,7 @@ class Surrogate:
             if evidence > best:
                 best, self._scales, self._noise = evidence, scales, noise
 
-    def _evidence(self, scales: NDArray[np.int_], noise: int, x: Array, y: Array) -> float:
+    def _evidence(self, scales: NDArray[np.int_], noise: int, x: Floats, y: Floats) -> float:
         """Return the log likelihood, the signal's variance profiled out, with a weak prior at a length of 1.6."""
         try:
             factor = self._decompose(x / LENGTHS[scales], NUGGETS[noise])

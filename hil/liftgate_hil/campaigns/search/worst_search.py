@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Generator, Sequence
+import warnings
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from liftgate_hil.campaigns.search.descent import CmaDescent
+from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.search.surrogate import Surrogate
 from liftgate_hil.errors import number_of
-
-Array = NDArray[np.float64]
 
 # Constants without another source were chosen by measurement: 16 to 40 seeds on pocket functions of 3 to 6
 # dimensions (needles, slopes, shoulders, pockets beside a harmless minimum) and on analytic ones, 500 evaluations.
@@ -34,7 +34,80 @@ CHECKS = 24  # points that the surrogate has predicted, from which its skill is 
 EVERY, EVERY_SKILLED = 2, 16  # batches from one generation of a descent to the next; 8 needed more beside needles
 SHARE, SHARE_FREE = 0.1, 60  # descents before `LATE`: a share and a sum; a share of 0.25 lost needles
 DIP_SCORE, DIP_FLOOR = 6.0, 0.4  # a dip: so many robust deviations and so many spreads below the prediction
+PATIENCE, DIP_PATIENCE = 10, 2  # generations without progress that end a descent; a false dip has to end soon
+WANDER = 0.25  # distance at which a dip's descent is in a broader minimum; 0.15 equal
 POOL = 256  # candidates over the whole space and again around the worst points
+
+
+@contextlib.contextmanager
+def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
+    """Lend numpy's global generator to cma, which draws from it, and give the caller's state back."""
+    callers = np.random.get_state()
+    np.random.set_state(state["numpy"])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # cma warns of flat and of one-sided populations, which are usual here
+            yield
+    finally:
+        state["numpy"] = np.random.get_state()
+        np.random.set_state(callers)
+
+
+class CmaDescent:
+    """A descent of cma from one point; discrete dimensions are integers in it, and snapped by the caller."""
+
+    def __init__(
+        self, start: Floats, levels: Floats, sigma: float, seed: list[int], known: float = math.inf
+    ) -> None:
+        import cma
+
+        self.dip = known < math.inf
+        self.urgent = False
+        self.best, self.place, self._start = known, start, start
+        self.stale, self.over = 0, False
+        self.asked: Floats = np.empty((0, len(start)))
+        # cma refuses one dimension: an idle second one
+        k = np.append(levels, [0.0] * (len(levels) == 1))
+        self._scale = np.where(k > 0, k, 1.0)
+        self._low = np.where(k > 0, -0.5, 0.0)
+        centre = np.append(start, [0.5] * (len(k) - len(start))) * self._scale + self._low
+        self._state = {"numpy": np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed))).get_state()}
+        options = {
+            "bounds": [list(self._low), list(self._low + self._scale)],
+            "CMA_stds": list(self._scale),
+            "integer_variables": [int(i) for i in np.flatnonzero(k > 0)],
+            "seed": math.nan,  # nan: cma leaves the generator's state as it is
+            "verbose": -9,
+            "verb_log": 0,
+        }
+        with _numpy_state(self._state):
+            self._cma = cma.CMAEvolutionStrategy(list(centre), sigma, options)
+
+    def ask(self) -> Floats:
+        """Return the next generation, (n, d) in the unit cube."""
+        with _numpy_state(self._state):
+            self._raw = self._cma.ask()
+        return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
+
+    def tell(self, margins: Floats) -> None:
+        """Take the finite margins of `asked`, NaN for no verdict."""
+        judged = ~np.isnan(margins)
+        if not judged.any():
+            self.over = True
+            return
+        # The median ranks a point without a verdict as neither good nor bad.
+        filled = np.where(judged, margins, np.median(margins[judged]))
+        with _numpy_state(self._state):
+            self._cma.tell(self._raw, list(filled))
+            self.over = bool(self._cma.stop())
+        i = int(np.argmin(np.where(judged, margins, math.inf)))
+        progress = margins[i] < self.best - 1e-3 * (abs(self.best) if self.best < math.inf else 0.0)
+        self.stale = 0 if progress else self.stale + 1
+        if margins[i] < self.best:
+            self.best, self.place = float(margins[i]), self.asked[i]
+        # A dip's descent that wanders off has left the dip for a broader minimum, which others see to.
+        wandered = self.dip and bool(np.abs(self.place - self._start).max() > WANDER)
+        self.over |= wandered or self.stale > (DIP_PATIENCE if self.dip else PATIENCE)
 
 
 @dataclass(frozen=True)
@@ -50,7 +123,7 @@ class SearchEnd:
     evidence: str
 
 
-def worst_search(levels: Sequence[int], budget: int, seed: int) -> Generator[Array, Array, SearchEnd]:
+def worst_search(levels: Sequence[int], budget: int, seed: int) -> Generator[Floats, Floats, SearchEnd]:
     """Search the unit cube for the smallest margin.
 
     Yields points (n, d) and is sent their margins (n,); NaN is no verdict, infinities are allowed. `levels` holds
@@ -76,7 +149,7 @@ class _Search:
 
     def __init__(self, levels: Sequence[int], budget: int, seed: int) -> None:
         self.budget = budget
-        self.points: list[Array] = []
+        self.points: list[Floats] = []
         self.margins: list[float] = []
         self._seed = seed
         self._levels = np.array(levels, dtype=np.float64)
@@ -85,22 +158,24 @@ class _Search:
         self._known: dict[bytes, float] = {}
         sobol_seed = int(np.random.default_rng([seed, 0]).integers(2**31))
         self._sobol = qmc.Sobol(len(levels), seed=sobol_seed)
-        self._spare: list[Array] = []
+        self._spare: list[Floats] = []
         self._surrogate = Surrogate(len(levels), np.random.default_rng([seed, 2]))
         self._predicted: dict[bytes, float] = {}
-        self._checks: list[tuple[float, float, Array]] = []  # predicted and warped margin of an exploring point
+        self._checks: list[tuple[float, float, Floats]] = []  # predicted and warped margin of an exploring point
         self._descent: CmaDescent | None = None
-        self._origins: list[Array] = []
-        self._ends: list[Array] = []
+        self._origins: list[Floats] = []
+        self._ends: list[Floats] = []
         self._turn = self._restarts = self._descended = self._modelled = 0
         self._polished = self._is_late = self._is_skilled = False
 
-    def propose(self) -> Array:
+    def propose(self) -> Floats:
         """Return the next batch (n, d), at most what is left of the budget."""
         room = self.budget - len(self.margins)
         self._turn += 1
-        batch: list[Array] = []
-        x, f = self._judged()
+        batch: list[Floats] = []
+        margins = np.array(self.margins)
+        judged = ~np.isnan(margins)
+        x, f = np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(margins[judged])
         if len(f) and np.ptp(f) > 0:  # equal margins give neither a slope nor a spread
             if len(f) >= BATCH:
                 self._surrogate.fit(x, f)
@@ -120,7 +195,7 @@ class _Search:
             self._predicted = {p.tobytes(): float(m) for p, m in zip(spread, means, strict=True)}
         return np.array(batch + spread)
 
-    def receive(self, points: Array, margins: Array) -> None:
+    def receive(self, points: Floats, margins: Floats) -> None:
         """Take the margins (n,) of a proposed batch (n, d)."""
         for p, margin in zip(points, margins.tolist(), strict=True):
             key = p.tobytes()
@@ -153,19 +228,19 @@ class _Search:
         worst = math.nan if i is None else self.margins[i]
         return SearchEnd(len(f), reason, self._restarts, point, worst, lost, evidence)
 
-    def _snap(self, u: Array) -> Array:
+    def _snap(self, u: Floats) -> Floats:
         k = np.where(self._levels > 0, self._levels, 1.0)
         cells = (np.minimum(np.floor(np.clip(u, 0.0, 1.0) * k), k - 1.0) + 0.5) / k
         return np.where(self._levels > 0, cells, np.clip(u, 0.0, 1.0))
 
-    def _reserve(self, p: Array) -> bool:
+    def _reserve(self, p: Floats) -> bool:
         """Note a point as proposed; False for one that was proposed before."""
         if p.tobytes() in self._known:
             return False
         self._known[p.tobytes()] = math.nan
         return True
 
-    def _spread(self) -> Array:
+    def _spread(self) -> Floats:
         """Return the next new point of the scrambled Sobol sequence, whose projections are well spread too."""
         while True:
             if not self._spare:
@@ -174,7 +249,7 @@ class _Search:
             if self._reserve(p):
                 return p
 
-    def _finite(self, margins: Array) -> Array:
+    def _finite(self, margins: Floats) -> Floats:
         """Return margins with infinities one range beyond the finite ones seen so far; NaN stays."""
         f = np.array(self.margins)
         f = np.clip(f[np.isfinite(f)], -1e100, 1e100)  # their squares stay finite
@@ -182,17 +257,8 @@ class _Search:
         beyond = (high - low) or 1.0
         return np.clip(margins, low - beyond, high + beyond)
 
-    def _judged(self) -> tuple[Array, Array]:
-        """Return the points that have a verdict (n, d), and their finite margins (n,)."""
-        f = np.array(self.margins)
-        judged = ~np.isnan(f)
-        return np.array(self.points).reshape(-1, len(self._levels))[judged], self._finite(f[judged])
-
     def _skill(self) -> float:
-        """Return the share of the variance of the last exploring points that the surrogate had predicted.
-
-        As long as there are few of them, that of all points of which each is left out in turn.
-        """
+        """Return the share of the variance of the last exploring points that the surrogate had predicted."""
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
         if len(recent) < CHECKS:
             return self._surrogate.skill() if self._surrogate.fitted else 0.0
@@ -200,7 +266,7 @@ class _Search:
             return 0.0
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
-    def _dip(self) -> Array | None:
+    def _dip(self) -> Floats | None:
         """Return the exploring point farthest below its prediction, if far: the shoulder of a pocket, perhaps."""
         if len(self._checks) < 16:  # too few for a robust deviation
             return None
@@ -209,12 +275,12 @@ class _Search:
         for i in np.argsort(errors, kind="stable"):
             if errors[i] > -max(DIP_SCORE * deviation, DIP_FLOOR):
                 return None
-            p: Array = self._checks[i][2]
+            p: Floats = self._checks[i][2]
             if all(np.abs(p - o).max() >= DIP_APART for o in self._origins):
                 return p
         return None
 
-    def _generation(self, x: Array, f: Array) -> list[Array]:
+    def _generation(self, x: Floats, f: Floats) -> list[Floats]:
         """Return the points of the next generation of a descent when one is due."""
         best, dip = float(f.min()), self._dip()
         d = self._descent
@@ -239,7 +305,7 @@ class _Search:
         d.asked = self._snap(d.ask())
         return list(d.asked)
 
-    def _start(self, x: Array, f: Array, dip: Array | None) -> CmaDescent | None:
+    def _start(self, x: Floats, f: Floats, dip: Floats | None) -> CmaDescent | None:
         """Begin a descent: in a dip, late at the worst point, or at the worst one far from earlier ones."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
@@ -260,7 +326,7 @@ class _Search:
         descent.urgent = sigma != SIGMA
         return descent
 
-    def _modelled_points(self, x: Array, f: Array, n: int) -> list[Array]:
+    def _modelled_points(self, x: Floats, f: Floats, n: int) -> list[Floats]:
         """Return at most n points likely to fail, or to be below the worst point, in the surrogate's eyes."""
         if not self._surrogate.fitted:
             return []
@@ -272,7 +338,7 @@ class _Search:
         zero = float(self._surrogate.warp(0.0)) if f.min() > 0.0 else below
         return self._surrogate.choose(pool, [(below, zero)[j % 2] for j in range(n)])
 
-    def _pool(self, worst: Array) -> Array:
+    def _pool(self, worst: Floats) -> Floats:
         """Return new candidates (n, d): uniform ones, and steps of four sizes from the worst points."""
         d = len(self._levels)
         parts = [self._rng.random((POOL, d))]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from liftgate_hil.identification.reporting import figures, figures_estimates
-from liftgate_hil.identification.reporting.dependences import dependences, firsts
-from liftgate_hil.identification.reporting.findings import EXCUSES, has_offset, strong_correlations
+from liftgate_hil.identification.reporting import figures
+from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.numbers import (
@@ -104,7 +103,7 @@ def _estimates(result: Identification) -> str:
         return ""
     title = "Estimates relative to their initial values"
     return figure(
-        svg(figures_estimates.parameter_figure(result), "estimates", title),
+        svg(figures.parameter_figure(result), "estimates", title),
         f"{title}; bars are two standard deviations to either side, cut off at the edge; many are narrower than "
         f"the dot. Covariance: {result.covariance_kind}. Parameters that start from zero are not shown.",
     )
@@ -116,7 +115,7 @@ def _correlation(result: Identification) -> str:
     pairs = [
         f"{one} and {other}: {r:+.3f}: hard to separate" for one, other, r in strong_correlations(result)[:10]
     ]
-    drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
+    drawing = svg(figures.correlation_figure(result), "correlation", "Correlation")
     caption = f"Correlation of the estimates. Condition number: {significant(result.condition_number, 3)}."
     return figure(drawing, caption, small=len(result.parameters) < 8) + bullets(pairs)
 
@@ -144,7 +143,7 @@ def _profiles(result: Identification) -> str:
     if not result.profiles:
         return ""
     rows = [(each.name, significant(each.low), significant(each.high)) for each in result.profiles]
-    drawing = svg(figures_estimates.profile_figure(result), "profiles", "Profile likelihood")
+    drawing = svg(figures.profile_figure(result), "profiles", "Profile likelihood")
     caption = (
         "Twice the loss in log-likelihood when a parameter is fixed and the others are estimated again; "
         "shaded: the 95 % interval. A flat curve means a parameter that is not identifiable."
@@ -187,10 +186,8 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
 
 
 def _residual(series: Series) -> str:
-    if series.is_white:
-        return "white about its mean" if has_offset(series) else "white"
-    if series.excuse:
-        return EXCUSES[series.excuse]
+    if words := residual_words(series):
+        return words
     return (
         f"not white: {series.lags_outside} of {len(series.autocorrelation) - 1} lags outside, "
         f"{series.input_lags_outside} of {len(series.crosscorrelation)} with the voltage"
@@ -265,7 +262,7 @@ def _noise(result: Identification) -> str:
 def _history(result: Identification) -> str:
     if len(result.history) < 2:
         return ""
-    drawing = svg(figures_estimates.loss_figure(result), "loss", "Loss over iterations")
+    drawing = svg(figures.loss_figure(result), "loss", "Loss over iterations")
     return figure(drawing, "Loss after each iteration.")
 
 

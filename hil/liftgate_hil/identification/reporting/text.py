@@ -1,14 +1,15 @@
-"""Text output of `identify` and `validate`: aligned tables, at most 110 columns."""
+"""Text output of `identify`, its plan and `validate`: aligned tables, at most 110 columns."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from liftgate_hil.identification.reporting.dependences import dependences, firsts
-from liftgate_hil.identification.reporting.findings import EXCUSES, has_offset, strong_correlations
+from liftgate_hil.identification.design import ExperimentPlan, Ranked
+from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import (
     clean,
@@ -28,11 +29,16 @@ _ACROSS = 6  # columns of a matrix side by side
 
 def identification_text(result: Identification) -> str:
     """Return the whole result of an identification."""
+    search = (
+        f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
+        f"simulations, {significant(result.seconds, 3)} s"
+    )
+    pairs = [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(result.warnings)),
         _titled("Parameters", _parameters(result.parameters)),
-        _titled("Strongly correlated", _pairs(result)),
+        _titled("Strongly correlated", pairs),
         _titled("If a fixed parameter were 10 % larger (not visible in the residuals)", _dependences(result)),
         _titled("Initial states", _states(result.initial_states)),
         _titled("95 % intervals by profile likelihood", _profiles(result)),
@@ -40,7 +46,7 @@ def identification_text(result: Identification) -> str:
         _titled("Criteria", _criteria(result)),
         _titled("Fit", _fits(result.experiments, before=True)),
         _titled("Errors by phase", _phases(result.experiments)),
-        _titled("Search", _search(result)),
+        _titled("Search", _wrapped(search, "")),
         _titled("Notes", _bullets(result.notes)),
     ]
     return _joined(sections)
@@ -57,6 +63,26 @@ def validation_text(result: Validation) -> str:
         _titled("Notes", _bullets(result.notes)),
     ]
     return _joined(sections)
+
+
+def plan_text(plan: ExperimentPlan) -> str:
+    """Return the candidates, best first, and the order in which to combine them, as text."""
+    heads = ["experiment", "log10 det", *(f"{name} ±" for name in plan.names)]
+    align = "l" + "r" * (len(heads) - 1)
+    lines = ["Experiments, the most informative first (expected standard deviations)", ""]
+    lines += table(heads, [_ranked(each) for each in plan.ranked], align)
+    lines += ["", "Best sequence, each experiment together with all before it", ""]
+    lines += table(heads, [_ranked(each) for each in plan.order], align)
+    return "\n".join(lines)
+
+
+def _ranked(each: Ranked) -> list[str]:
+    criterion = significant(each.log_det) if math.isfinite(each.log_det) else "not all identifiable"
+    stds = [
+        "not identifiable" if math.isinf(std) else f"{significant(100.0 * float(std), 2)} %"
+        for std in each.relative_std
+    ]
+    return [each.candidate.name, criterion, *stds]
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
@@ -129,10 +155,6 @@ def _states(estimates: Sequence[Estimate]) -> list[str]:
     return table(("",) * 6, rows, "lrllll")[1:] if rows else []
 
 
-def _pairs(result: Identification) -> list[str]:
-    return [f"{clean(one)} and {clean(other)}: {r:+.3f}" for one, other, r in strong_correlations(result)[:10]]
-
-
 def _dependences(result: Identification) -> list[str]:
     rows = [
         (
@@ -185,10 +207,8 @@ def _criteria(result: Identification) -> list[str]:
 
 
 def _residual(series: Series) -> str:
-    if series.is_white:
-        return "white about its mean" if has_offset(series) else "white"
-    if series.excuse:
-        return EXCUSES[series.excuse]
+    if words := residual_words(series):
+        return words
     lag = 1 + int(np.argmax(np.nan_to_num(np.abs(series.autocorrelation[1:]))))
     return f"not white: {series.autocorrelation[lag]:+.2f} at lag {lag}, band ±{series.band:.3f}"
 
@@ -231,11 +251,3 @@ def _phases(experiments: Sequence[Experiment]) -> list[str]:
             lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
             lines += table(("", "phase", "rms", "largest", "samples"), rows, "llrrr")
     return lines
-
-
-def _search(result: Identification) -> list[str]:
-    return _wrapped(
-        f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
-        f"simulations, {significant(result.seconds, 3)} s",
-        "",
-    )

@@ -10,17 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from liftgate_hil.identification.reporting import figures, figures_estimates
+from liftgate_hil.identification.reporting import figures
 from liftgate_hil.identification.result import Experiment
 from liftgate_hil.report.drawing import limits, new_figure, png, style, svg, thin
 
 EXPERIMENT = (figures.trace_figure, figures.error_figure, figures.residual_figure)
-ESTIMATES = (
-    figures_estimates.parameter_figure,
-    figures_estimates.correlation_figure,
-    figures_estimates.loss_figure,
-    figures_estimates.profile_figure,
-)
+ESTIMATES = (figures.parameter_figure, figures.correlation_figure, figures.loss_figure, figures.profile_figure)
 
 
 def words(figure):
@@ -91,7 +86,7 @@ def test_strange_estimates_are_drawn(found):
 
 
 def test_colours_are_the_page_s_and_identifiers_are_apart(found):
-    figure = figures_estimates.parameter_figure(found)
+    figure = figures.parameter_figure(found)
     one, other = svg(figure, "one", "t"), svg(figure, "other", "t")
     assert "var(--final, #0072b2)" in one
     assert "var(--ink" in one
