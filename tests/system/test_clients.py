@@ -24,6 +24,7 @@ import cantools
 import pyte
 import pytest
 from adapters import DRIVER
+from hil_support import text_file
 
 from liftgate_hil.config.shipped import data_root
 
@@ -221,8 +222,7 @@ def test_a_recorded_command_played_back_moves_the_gate(tmp_path: Path, group: st
     with process(*arguments, "--output", str(folder)) as demo:
         assert demo.wait(PATIENCE) == 0
     commands = [line for line in lines_of(folder / "demo.log") if " 120#" in line]
-    played = tmp_path / "commands.log"
-    played.write_text("\n".join(commands) + "\n")
+    played = text_file(tmp_path / "commands.log", "\n".join(commands) + "\n")
     record = tmp_path / "run.csv"
     with emulator(group, "--record", str(record), "--quiet") as gate:
         wait_for(lambda: len(lines_of(record)) > 200, "the emulator did not start")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hil_support import text_file
+
 import liftgate_hil as lh
 
 SCENARIO = """duration = 3.0
@@ -34,8 +36,7 @@ always = "gate_angle_deg < 200"
 
 
 def test_a_stimulus_that_is_never_made_is_noted(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(SCENARIO)
+    path = text_file(tmp_path / "s.toml", SCENARIO)
     notes = [each for each in lh.run(path).notes if "never made" in each]
     assert notes == [
         "request close at 5 s is never made: the run ends at 3 s",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
@@ -158,8 +159,9 @@ def test_speeds_that_come_a_cycle_after_the_currents_now_and_then_are_no_load(
     )
     requests = {0.5: "open", 8.0: "close", 11.0: "stop", 12.0: "open", 16.0: "close"}
     asked = "".join(f'[[request]]\ntime = {at}\naction = "{what}"\n' for at, what in requests.items())
-    scenario = tmp_path / "late_speeds.toml"
-    scenario.write_text(f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}')
+    scenario = text_file(
+        tmp_path / "late_speeds.toml", f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}'
+    )
     told = [each.text.split(" (")[0] for each in lh.run(scenario, clock="free").events]
     closing = ["closing", "stopped by the driver", "opening", "open", "closing", "closed and latched"]
     assert told == ["opening", "open", *closing]

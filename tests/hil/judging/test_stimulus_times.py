@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.plan.job import Job
@@ -55,16 +56,14 @@ def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fau
 
 
 def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
+    path = text_file(tmp_path / "s.toml", f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
     (case,) = suite.cases_of([path], Job(RunRequest()))
     assert FAULTS[0][1] is not None
     assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]
 
 
 def test_a_fault_behind_the_end_is_not_among_those_that_were_too_short(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = 5.0\n')
+    path = text_file(tmp_path / "s.toml", f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = 5.0\n')
     assert lh.run(path).notes == ("fault supply_open at 5 s is never made: the run ends at 2 s",)
 
 
@@ -78,8 +77,9 @@ def test_what_would_begin_after_the_end_is_told_where_a_condition_starts_it(tmp_
 
 
 def test_what_would_begin_exactly_at_the_end_is_never_made(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = "time_s >= 1"\ndelay_s = 1\n')
+    path = text_file(
+        tmp_path / "s.toml", f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = "time_s >= 1"\ndelay_s = 1\n'
+    )
     (note,) = lh.run(path).notes
     assert note == "fault supply_open, 1 s after time_s >= 1, is never made: at 2 s, where the run ends at 2 s"
 

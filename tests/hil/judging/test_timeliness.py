@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import no_logged
@@ -218,8 +219,7 @@ action = "open"
 
 
 def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(SCENARIO)
+    path = text_file(tmp_path / "s.toml", SCENARIO)
     assert lh.run(path).verdict == "pass"
     assert lh.run(path, ecu=Late()).verdict == "fail"
     late = '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\ndelay_s = 2.0\n'

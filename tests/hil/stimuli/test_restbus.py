@@ -7,13 +7,13 @@ from typing import Any
 
 import cantools
 import pytest
-from hil_support import frames_of, j1850, shipped_rig
+from hil_support import frames_of, issues_of, j1850, shipped_rig, text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.signals import Signal
 
 RIG = shipped_rig()
@@ -93,9 +93,9 @@ def test_what_is_wrong_with_its_protection_is_reported_with_the_file(tmp_path: P
     rig = tmp_path / "their.toml"
     wrong = '[messages.Body]\nchecksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n'
     rig.write_text(text.replace(own, wrong), encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
-    assert caught.value.issues == [f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"]
+    assert issues_of(recorded, tmp_path, SPEED + "value = 30\n", rig=rig) == [
+        f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
+    ]
 
 
 def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,11 +165,8 @@ def test_by_hand_a_signal_is_sent_until_it_is_changed() -> None:
 
 def issue_of(folder: Path, text: str) -> str:
     """The one thing that is wrong with a scenario, behind the name of its file."""
-    path = folder / "s.toml"
-    path.write_text(f"duration = 1.0\n{text}", encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        lh.run(path)
-    (issue,) = caught.value.issues
+    path = text_file(folder / "s.toml", f"duration = 1.0\n{text}")
+    (issue,) = issues_of(lh.run, path)
     assert issue.startswith(f"{path}: ")
     return issue.removeprefix(f"{path}: ")
 
@@ -201,6 +198,5 @@ def test_the_scenario_of_a_gate_without_a_bus_leaves_it_out(tmp_path: Path) -> N
     from liftgate_hil.plan.setup import setup_of
     from liftgate_hil.plan.stimulation import offline_of
 
-    path = tmp_path / "s.toml"
-    path.write_text(f"duration = 1.0\n{SPEED}value = 30\n", encoding="utf-8")
+    path = text_file(tmp_path / "s.toml", f"duration = 1.0\n{SPEED}value = 30\n")
     assert len(offline_of(setup_of(path), 0.001).stimuli.restbus.bus.messages) == 0

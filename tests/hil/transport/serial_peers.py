@@ -13,7 +13,7 @@ from typing import Any
 
 from liftgate_hil.transport.serial_port import SerialTransport
 
-PATIENCE = 30.0  # s; a bound, nothing is judged by it
+PATIENCE = 60.0  # s; a bound, nothing is judged by it
 
 
 class Terminal:
@@ -87,11 +87,11 @@ def opened(url: str, **options: Any) -> Iterator[SerialTransport]:
         transport.close()
 
 
-def wait_for(condition: Callable[[], object], what: str) -> None:
+def wait_for(condition: Callable[[], object], what: str = "it did not happen") -> None:
     deadline = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < deadline, what
-        time.sleep(0.005)
+        time.sleep(0.001)
 
 
 def descriptors() -> int:

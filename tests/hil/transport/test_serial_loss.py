@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 
 import pytest
 from hil_support import frames_of, rows_of
@@ -14,13 +13,6 @@ from liftgate_hil.transport import serial_open
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.cobs import CobsDecoder, encode
 from liftgate_hil.transport.serial_port import SerialTransport
-
-
-@pytest.fixture
-def server() -> Iterator[Server]:
-    made = Server()
-    yield made
-    made.drop()
 
 
 def test_a_terminal_that_vanishes_and_returns_a_hundred_times_leaks_nothing(
