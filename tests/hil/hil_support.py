@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
-from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED, LOGGED, Frames, empty_frames
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.receive import Counts, Reception, forget_stale, receive
@@ -69,6 +69,15 @@ def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
         (int(frames.identifiers[row]), frames.data[row, : int(frames.lengths[row])].tobytes())
         for row in range(frames.count)
     ]
+
+
+def logged(rows: Sequence[tuple[int, int, bytes]]) -> NDArray[Any]:
+    """Frames of a log from (time [ns], identifier, payload)."""
+    found = np.zeros(len(rows), dtype=LOGGED)
+    for row, (time_ns, identifier, payload) in zip(found, rows, strict=True):
+        row["time_ns"], row["identifier"], row["length"] = time_ns, identifier, len(payload)
+        row["payload"][: len(payload)] = list(payload)
+    return found
 
 
 class Wire:

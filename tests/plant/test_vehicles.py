@@ -203,21 +203,13 @@ def test_open_stop_stalls_the_drives(name: str) -> None:
 
 
 @every_vehicle
-def test_opening_current_while_travelling(name: str) -> None:
-    top = vehicle(name).gate.open_angle
-    record = opening(name)
-    currents = travelling(record, record[:, ANGLE] >= top, top)[:, LEFT_CURRENT]
-    low, high = CLAIMS[name].opening_current
-    assert low < currents.min()
-    assert currents.max() < high
-
-
-@every_vehicle
-def test_closing_current_while_travelling(name: str) -> None:
-    top = vehicle(name).gate.open_angle
-    record = closing(name)
-    currents = -travelling(record, record[:, ANGLE] <= 0.0, top)[:, LEFT_CURRENT]
-    low, high = CLAIMS[name].closing_current
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["opening", "closing"])
+def test_current_while_travelling(name: str, way: float) -> None:
+    top, claim = vehicle(name).gate.open_angle, CLAIMS[name]
+    record = opening(name) if way > 0.0 else closing(name)
+    arrived = record[:, ANGLE] >= top if way > 0.0 else record[:, ANGLE] <= 0.0
+    currents = way * travelling(record, arrived, top)[:, LEFT_CURRENT]
+    low, high = claim.opening_current if way > 0.0 else claim.closing_current
     assert low < currents.min()
     assert currents.max() < high
 

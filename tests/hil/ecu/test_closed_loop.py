@@ -32,23 +32,14 @@ class Run:
 
     def __init__(
         self,
-        vehicle_name: str,
+        vehicle: str,
         requests: Sequence[tuple[float, str]],
         seconds: float,
         stimuli: TimedStimuli = NO_STIMULI,
-        settings: Sequence[str] = (),
-        rig_name: str = "liftgate",
         **more: Any,
     ) -> None:
         asked = tuple(Request(Instant(time), action) for time, action in requests)
-        self.result = lh.run(
-            Scenario(stimuli, asked, seconds),
-            vehicle=vehicle_name,
-            rig=rig_name,
-            settings=settings,
-            trace=True,
-            **more,
-        )
+        self.result = lh.run(Scenario(stimuli, asked, seconds), vehicle=vehicle, trace=True, **more)
         assert self.result.verdict == "pass", self.result.reason
 
     def column(self, name: str) -> np.ndarray:
@@ -133,10 +124,9 @@ def test_soft_stop_meets_the_learned_end_slowly() -> None:
 
 def test_a_rig_without_latch_signals_opens_and_latches_too(tmp_path: Path) -> None:
     shipped = find_config("rigs", "liftgate").read_text()
-    rig = tmp_path / "no-latch.toml"
     lines = [line for line in shipped.splitlines() if not line.startswith("latch_")]
-    rig.write_text("\n".join(lines))
-    run = Run("suv", [(0.5, "open"), (12.0, "close")], 26.0, rig_name=str(rig))
+    rig = text_file(tmp_path / "no-latch.toml", "\n".join(lines))
+    run = Run("suv", [(0.5, "open"), (12.0, "close")], 26.0, rig=str(rig))
     assert run.texts() == ["opening", "open", "closing", "closed and latched"]
     assert run.column("latched")[-1] == 1.0
 

@@ -15,6 +15,7 @@ import pytest
 from hil_support import j1850, shipped_rig, text_file
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 
 LEFT, RIGHT = 0x210, 0x211
@@ -368,21 +369,22 @@ def test_what_is_no_fault_of_this_bus_is_reported(arguments: dict[str, Any], sai
     assert said in str(caught.value)
 
 
-def test_a_message_that_the_database_lacks_is_reported_before_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("fault", "arguments", "said"),
+    [
+        ('kind = "frame_lost"\ndirection = "sent"\nwhere = "Nope"', ("test",),
+         "fault[0].where: 'Nope': not a message that the gate sends; allowed: LeftDrive, "),
+        ('kind = "bus_off"', ("simulate", "--voltage", "5", "--scenario"),
+         "fault[0].kind: bus_off: there is no bus"),
+    ],
+)  # fmt: skip
+def test_what_the_bus_lacks_is_reported_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str, arguments: tuple[str, ...], said: str
 ) -> None:
-    from liftgate_hil.cli.main import main
-
-    path = text_file(
-        tmp_path / "s.toml",
-        'duration = 1\n[[fault]]\nkind = "frame_lost"\ndirection = "sent"\nwhere = "Nope"\n'
-        '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n',
-    )
-    assert main(["test", str(path)]) == 2
-    assert (
-        "fault[0].where: 'Nope': not a message that the gate sends; allowed: LeftDrive, "
-        in capsys.readouterr().err
-    )
+    expect = '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'
+    path = text_file(tmp_path / "s.toml", f"duration = 1\n[[fault]]\n{fault}\n{expect}")
+    assert main([*arguments, str(path)]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_quantity_names_the_message_that_carries_it() -> None:
@@ -399,11 +401,3 @@ def test_a_quantity_that_is_received_and_sent_names_the_message_of_the_faults_di
         gate.fault("frame_lost", where="road_slope", direction="received")
         with pytest.raises(ConfigError, match=r"`fault`: where: 'road_slope' \(Sensors\): not a message with a"):
             gate.fault("wrong_counter", where="road_slope", direction="sent")
-
-
-def test_without_a_bus_it_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from liftgate_hil.cli.main import main
-
-    path = text_file(tmp_path / "s.toml", 'duration = 1\n[[fault]]\nkind = "bus_off"\n')
-    assert main(["simulate", "--scenario", str(path), "--voltage", "5"]) == 2
-    assert "fault[0].kind: bus_off: there is no bus" in capsys.readouterr().err
