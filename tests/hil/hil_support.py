@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 import struct
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -245,6 +246,14 @@ def shipped_rig() -> Rig:
 def start_of(config: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:
     """A loop at rest at an angle [rad]."""
     return initial_loop(config, initial_state(config.plant, angle, latched=latched))
+
+
+def wait_for(happened: Callable[[], object], what: str = "it did not happen", patience: float = 120.0) -> None:
+    """Until something has happened; nothing is judged by how long [s] it may take."""
+    deadline = time.monotonic() + patience
+    while not happened():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
 
 
 def text_file(path: Path, text: str) -> Path:

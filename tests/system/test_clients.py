@@ -15,8 +15,7 @@ import struct
 import subprocess
 import sys
 import termios
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -24,7 +23,7 @@ import cantools
 import pyte
 import pytest
 from adapters import DRIVER
-from hil_support import text_file
+from hil_support import text_file, wait_for
 
 from liftgate_hil.config.shipped import data_root
 
@@ -58,13 +57,6 @@ def process(*arguments: str, **options) -> Iterator[subprocess.Popen[str]]:
     finally:
         child.kill()
         child.communicate()
-
-
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 def lines_of(path: Path) -> list[str]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from c_library import build, needs_compiler
+from hil_support import wait_for
 
 PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -122,10 +123,7 @@ def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
     for _ in range(5):
         table.unlink(missing_ok=True)
         with process(tmp_path, "--bus", f"virtual:{uuid.uuid4()}", "--record", str(table)) as child:
-            deadline = time.monotonic() + PATIENCE
-            while not table.is_file() or table.stat().st_size < 10_000:
-                assert time.monotonic() < deadline, "nothing was recorded"
-                time.sleep(0.02)
+            wait_for(lambda: table.is_file() and table.stat().st_size >= 10_000, "nothing was recorded")
             began = time.monotonic()
             for _ in range(3):
                 child.send_signal(number)
@@ -198,10 +196,7 @@ def test_the_ecus_process_ends_with_one_that_is_killed(tmp_path: Path) -> None:
         assert any("suv on" in line for line in child.stderr), "it did not come so far"
         (ecu,) = children_of(child.pid)
         child.kill()
-        deadline = time.monotonic() + PATIENCE
-        while is_alive(ecu):
-            assert time.monotonic() < deadline, "its ECU drives on"
-            time.sleep(0.05)
+        wait_for(lambda: not is_alive(ecu), "its ECU drives on")
 
 
 def is_alive(number: int) -> bool:

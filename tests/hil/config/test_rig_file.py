@@ -236,27 +236,32 @@ def test_a_database_that_is_none_is_a_fault_of_dbc(tmp_path: Path, database: str
     assert keys_of(faults_of(tmp_path, RIG, database))[0] in ("dbc", "inputs.left_duty")
 
 
+EXTRA = '%s: 8 ECU\n SG_ X : 0|8@1+ (1,0) [0|0] "" Gate\nBO_ 768 Slow'
+LONG_OUT = DATABASE.replace("7|16@0- (0.01,0)", "511|16@0- (0.01,0)")
+
+
 @pytest.mark.parametrize(
-    "extra",
-    ["BO_ 300 Cmd: 8 ECU\n SG_ X : 0|8@1+ (1,0) [0|0] \"\" Gate\n",
-     "BO_ 256 Other: 8 ECU\n SG_ X : 0|8@1+ (1,0) [0|0] \"\" Gate\n"],
-    ids=["name", "identifier"],
-)  # fmt: skip
-def test_an_ambiguous_database_is_a_fault(tmp_path: Path, extra: str):
-    database = DATABASE.replace("BO_ 768 Slow", extra + "BO_ 768 Slow")
+    ("database", "words"),
+    [
+        (
+            DATABASE.replace("BO_ 768 Slow", EXTRA % "BO_ 300 Cmd"),
+            ["Cmd cannot be used: it is defined several times"],
+        ),
+        (
+            DATABASE.replace("BO_ 768 Slow", EXTRA % "BO_ 256 Other"),
+            ["Cmd cannot be used: Other has its identifier"],
+        ),
+        # Longer ones of J1939 go over several frames; frames are read and written without a check.
+        *((DATABASE.replace(" Cmd: 8 ", f" Cmd: {length} "), ["Cmd", "64"]) for length in (65, 1785)),
+        *((LONG_OUT.replace(" Out: 8 ", f" Out: {length} "), ["Out", "64"]) for length in (65, 1785)),
+        (DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (0,0)"), ["DutyL"]),  # a factor of zero
+        (DATABASE + "SIG_VALTYPE_ 2566844672 Current : 1;\n", ["Current"]),  # a float of 16 bits
+    ],
+    ids=["name", "identifier", "65", "1785", "out 65", "out 1785", "factor", "float"],
+)
+def test_what_no_wire_can_use_of_a_database_is_a_fault(tmp_path: Path, database: str, words: list[str]):
     issues = faults_of(tmp_path, RIG, database)
-    assert any("ambiguous" in fault for fault in issues)
-
-
-@pytest.mark.parametrize("name", ["Cmd", "Out"])
-@pytest.mark.parametrize("length", [65, 1785])
-def test_a_message_longer_than_any_frame_is_a_fault(tmp_path: Path, name: str, length: int):
-    # J1939 databases have such; they go over several frames. Frames are read and written without a check.
-    database = DATABASE.replace(f" {name}: 8 ", f" {name}: {length} ")
-    if name == "Out":
-        database = database.replace("7|16@0- (0.01,0)", "511|16@0- (0.01,0)")
-    issues = faults_of(tmp_path, RIG, database)
-    assert any(name in fault and "64" in fault for fault in issues)
+    assert any(all(word in fault for word in words) for fault in issues), issues
 
 
 def test_an_unmapped_message_longer_than_any_frame_is_ignored(tmp_path: Path):
@@ -272,18 +277,6 @@ def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: P
     else:
         assert rig.is_fd
         assert rig.output_config().messages.format.tolist() == [FD]
-
-
-def test_a_factor_of_zero_is_a_fault(tmp_path: Path):
-    database = DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (0,0)")
-    issues = faults_of(tmp_path, RIG, database)
-    assert any("DutyL" in fault for fault in issues)
-
-
-def test_a_float_of_16_bits_is_a_fault_of_its_wire(tmp_path: Path):
-    database = DATABASE + "SIG_VALTYPE_ 2566844672 Current : 1;\n"
-    issues = faults_of(tmp_path, RIG, database)
-    assert any("left_current" in fault or "Current" in fault for fault in issues)
 
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])

@@ -193,17 +193,33 @@ def test_a_side_may_have_its_own_values(tmp_path: Path):
     assert vehicle.left.motor._replace(resistance=0.708) == vehicle.right.motor
 
 
-def test_a_sides_own_fault_is_reported_with_its_side(tmp_path: Path):
-    text = SUV + "\n[left.motor]\nresistance = -1\n[right.motor]\nvolts = 3\n[right.motr]\na = 1\n"
-    keys = keys_of(issues_of(load, tmp_path, text))
-    assert sorted(keys) == ["left.motor.resistance", "right.motor.volts", "right.motr"]
+THREE, ONE = ("drives = 3  ", "drives = 1  ")
+NEGATIVE = ("resistance = 0.708", "resistance = -1")
 
 
-def test_a_shared_fault_is_reported_once_under_its_own_key(tmp_path: Path):
-    text = changed("resistance = 0.708", "resistance = -1")
-    assert keys_of(issues_of(load, tmp_path, text)) == ["motor.resistance"]
-    text += "\n[left.motor]\nefficiency = 0.8\n[right.motor]\nefficiency = 0.7\n"
-    assert keys_of(issues_of(load, tmp_path, text)) == ["motor.resistance"]
+@pytest.mark.parametrize(
+    ("changes", "more", "keys"),
+    [
+        ([], "[left.motor]\nresistance = -1\n[right.motor]\nvolts = 3\n[right.motr]\na = 1\n",
+         ["left.motor.resistance", "right.motor.volts", "right.motr"]),
+        # One that both share is reported once.
+        ([NEGATIVE], "", ["motor.resistance"]),
+        ([NEGATIVE], "[left.motor]\nefficiency = 0.8\n[right.motor]\nefficiency = 0.7\n", ["motor.resistance"]),
+        ([("drives = 2  ", THREE)], "[right.motor]\nresistance = -1\n", ["drives", "right.motor.resistance"]),
+        ([("drives = 2  ", ONE)], "[right.motor]\nresistance = 1\n", ["right"]),
+        # A lever that turns over, or that there is not.
+        ([("open_angle_deg = 80", "open_angle_deg = 170")], "", ["gate"]),
+        ([("gate_point = [0.085, -0.18]", "gate_point = [0, 0]")], "", ["gate"]),
+    ],
+)  # fmt: skip
+def test_a_fault_is_reported_once_under_the_key_that_has_it(
+    tmp_path: Path, changes: list[tuple[str, str]], more: str, keys: list[str]
+):
+    text = SUV
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    assert sorted(keys_of(issues_of(load, tmp_path, f"{text}\n{more}"))) == keys
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -223,11 +239,6 @@ def test_what_one_drive_overrides_the_other_one_still_gets(tmp_path: Path, side:
     assert keys_of([issue]) == ["motor.resistance"]
 
 
-def test_a_wrong_right_drive_is_reported_beside_a_wrong_number_of_drives(tmp_path: Path):
-    text = changed("drives = 2  ", "drives = 3  ") + "\n[right.motor]\nresistance = -1\n"
-    assert keys_of(issues_of(load, tmp_path, text)) == ["drives", "right.motor.resistance"]
-
-
 def test_a_shared_table_that_each_side_completes_is_whole(tmp_path: Path):
     text = changed("resistance = 0.708", "")
     text += "\n[left.motor]\nresistance = 0.7\n[right.motor]\nresistance = 0.8\n"
@@ -240,19 +251,6 @@ def test_a_gate_with_one_drive_has_the_left_one_only(tmp_path: Path):
     plant = plant_of(vehicle)
     assert vehicle.drives == 1
     assert (plant.left.active, plant.right.active) == (1.0, 0.0)
-
-
-def test_a_gate_with_one_drive_may_not_speak_of_a_right_one(tmp_path: Path):
-    text = changed("drives = 2  ", "drives = 1  ") + "\n[right.motor]\nresistance = 1\n"
-    assert keys_of(issues_of(load, tmp_path, text)) == ["right"]
-
-
-def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
-    issues = issues_of(load, tmp_path, changed("open_angle_deg = 80", "open_angle_deg = 170"))
-    assert keys_of(issues) == ["gate"]
-    issues = issues_of(load, tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
-    assert keys_of(issues) == ["gate"]
-    assert "hinge" in issues[0]
 
 
 @pytest.mark.parametrize("value", ["7.5", "6.999"])

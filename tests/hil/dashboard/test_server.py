@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from dashboard_support import Client, bench, bench_with_page, is_going, page_beside, page_of, process, until
+from hil_support import wait_for
 from json_paths import written
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -625,10 +626,7 @@ def test_connections_that_stand_still_are_dropped(client: Client) -> None:
         wire.settimeout(60)
         while wire.recv(1 << 20):  # raises TimeoutError where it stays open
             pass
-    deadline = time.monotonic() + 120
-    while left := served(port) & theirs:
-        assert time.monotonic() < deadline, left
-        time.sleep(0.2)
+    wait_for(lambda: not served(port) & theirs, "a deaf one is served still")
     for wire in (*deaf, *wires):
         wire.close()
 
@@ -652,10 +650,7 @@ def test_connections_without_the_token_keep_nobody_out_however_many(
                 newest.sendall(request(client, client.token))
                 assert newest.recv(65_536).startswith(b"HTTP/1.1 200 OK")
             viewer.recv(timeout=30)
-        deadline = time.monotonic() + 30
-        while len(served(client.endpoint[1])) > 220:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(lambda: len(served(client.endpoint[1])) <= 220)
         for wire in wires:
             wire.close()
         until(client, is_going)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +84,6 @@ def opened(url: str, **options: Any) -> Iterator[SerialTransport]:
         yield transport
     finally:
         transport.close()
-
-
-def wait_for(condition: Callable[[], object], what: str = "it did not happen") -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.001)
 
 
 def descriptors() -> int:

@@ -14,8 +14,8 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hil_support import frames_of, rows_of
-from serial_peers import PATIENCE, descriptors, wait_for
+from hil_support import frames_of, rows_of, wait_for
+from serial_peers import PATIENCE, descriptors
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.errors import TransportError

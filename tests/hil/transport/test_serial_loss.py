@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 
 import pytest
-from hil_support import frames_of, rows_of
+from hil_support import frames_of, rows_of, wait_for
 from serial_lines import ROWS, line_of
-from serial_peers import Server, Terminal, descriptors, opened, wait_for
+from serial_peers import Server, Terminal, descriptors, opened
 
 from liftgate_hil.transport import serial_open
 from liftgate_hil.transport.base import LinkCounts

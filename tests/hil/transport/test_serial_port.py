@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 import serial.rfc2217
-from hil_support import EXTENDED, database_of, frames_of, issues_of, rig_of, rows_of
+from hil_support import EXTENDED, database_of, frames_of, issues_of, rig_of, rows_of, wait_for
 from serial_lines import ROWS, line_of
-from serial_peers import Server, Terminal, descriptors, opened, wait_for
+from serial_peers import Server, Terminal, descriptors, opened
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from liftgate_hil.config.rig import Rig
