@@ -32,9 +32,7 @@ ROUNDING = 1e-13  # m, rev/s, rad/s, A, and relative to a torque
 
 
 class SmallRadau(Radau):
-    """scipy's Radau with LAPACK's own functions. Those of scipy.linalg around them take longer to check a matrix
-    of 8 to 14 rows than to solve it.
-    """
+    """scipy's Radau with LAPACK's own functions: those around them take longer to check than to solve."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -631,9 +629,7 @@ class StimulusPlan:
             element.switch(v, progress)
 
     def alarms(self, start: float) -> list[Callable[[float, np.ndarray], float]]:
-        """Terminal events for solve_ivp; at the start itself none may already have risen. It asks all of them in
-        turn about the same array.
-        """
+        """Terminal events for solve_ivp, which asks all of them about one array; none has risen at the start."""
         last: tuple[float, np.ndarray | None, View | None] = (math.nan, None, None)
 
         def view(t: float, y: np.ndarray) -> View:
@@ -654,9 +650,7 @@ class StimulusPlan:
         return [alarm_of(element) for element in self.elements]
 
     def held(self, state: Sequence[float]) -> list[int]:
-        """The states that stay as they are until the regime changes. An implicit solver keeps them to its rounding
-        only, and how that falls depends on the machine.
-        """
+        """The states that stay as they are until the regime changes: the solver's rounding would move them."""
         found = [1] if self.latch.holds or self.hinge.is_held else []
         for drive in self.drives:
             found += [each.index for each in (drive.coil, drive.shaft) if each.is_held]

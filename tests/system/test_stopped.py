@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from c_library import build, needs_compiler
+from c_library import build, needs_compiler, source_of
 from hil_support import wait_for
 
 PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
@@ -37,22 +37,6 @@ class Ecu:
 
 if HOW == "imports":
     hang(HOW)
-"""
-LIBRARY = """
-#include "liftgate_ecu.h"
-#include <unistd.h>
-void *liftgate_ecu_create(void) { static int it; return &it; }
-void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{
-    (void)ecu, (void)in, (void)count, (void)out, (void)capacity;
-    if (now_ns > 20000000) {
-        (void)!write(2, "it hangs\\n", 9);
-        for (;;) pause();
-    }
-    return 0;
-}
 """
 
 
@@ -109,7 +93,8 @@ def test_a_python_ecu_that_hangs_is_given_up(tmp_path: Path, arguments: list[str
 @needs_compiler
 @pytest.mark.parametrize(("command", "number"), [("demo", signal.SIGINT), ("ecu", signal.SIGTERM)])
 def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: int) -> None:
-    library = str(build(tmp_path, LIBRARY))
+    step = 'if (now_ns > 20000000) { (void)!write(2, "it hangs\\n", 9); for (;;) pause(); }'
+    library = str(build(tmp_path, source_of(step=step)))
     flags = ["--bus", f"virtual:{uuid.uuid4()}"] if command == "ecu" else ["--no-record"]
     code, error = stopped_when_it_hangs(tmp_path, number, command, "--ecu", library, *flags)
     assert code == 128 + number

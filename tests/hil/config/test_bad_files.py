@@ -71,15 +71,6 @@ def test_a_file_of_nearly_the_same_name_is_proposed(tmp_path: Path):
     assert "no such file; allowed: a file, or" in issue
 
 
-def test_a_folder_that_may_not_be_read_is_no_missing_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def denied(*_: object, **__: object) -> os.stat_result:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "stat", denied)
-    (issue,) = issues_of(find_config, "vehicles", "there/x.toml")
-    assert issue == "`vehicle` there/x.toml: cannot be read: Permission denied"
-
-
 def test_the_database_of_a_rig_is_reported_alike(tmp_path: Path):
     rig = text_file(tmp_path / "r.toml", 'dbc = "x.dbc"\n')
     (tmp_path / "x.dbc").symlink_to(tmp_path / "x.dbc")

@@ -43,12 +43,6 @@ def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_a_missing_file_is_reported_as_such(tmp_path: Path, load: Callable[[Path], Any]):
-    with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
-        load(tmp_path / "none.toml")
-
-
-@pytest.mark.parametrize("load", LOADERS)
 def test_an_empty_file_never_raises_anything_else(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "empty.toml", "")
     if load is load_scenario:

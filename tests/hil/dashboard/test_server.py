@@ -612,9 +612,7 @@ def test_only_a_page_with_a_folder_starts_runs(client: Client) -> None:
 
 
 def test_connections_that_stand_still_are_dropped(client: Client) -> None:
-    """One that says nothing, one that begins to, and a WebSocket that reads nothing and answers no ping. Viewers
-    that take nothing from their socket's buffer: it fills up, and nothing is sent to them any more.
-    """
+    """One that says nothing, one that begins to, a WebSocket without pings, and viewers that read nothing."""
     deaf = [deaf_to(client) for _ in range(5)]
     port = client.endpoint[1]
     theirs = {wire.getsockname()[1] for wire in deaf}
@@ -639,9 +637,7 @@ def request(client: Client, token: str) -> bytes:
 def test_connections_without_the_token_keep_nobody_out_however_many(
     folder: Path, run: subprocess.Popen[str]
 ) -> None:
-    """Nobody needs a token to connect: of too many the oldest is dropped on which no request with it has come. The
-    page's terminal stays silent about it.
-    """
+    """Of too many the oldest is dropped on which no request with it has come, without a word on the terminal."""
     with page_beside(run, folder) as client:
         until(client, is_going)
         with streamed(client) as viewer:

@@ -85,30 +85,29 @@ def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
     assert {payload[0] & 3 for _, payload in of(frames, BODY)} == {2}
 
 
+OWN = 'counter = "AliveCounter"\nchecksum = "Checksum"\n'
+
+
+def rig_with(folder: Path, protection: str) -> Path:
+    """The shipped rig with another protection of Body."""
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
+    assert f"[messages.Body]\n{OWN}" in text
+    text = text.replace(f"[messages.Body]\n{OWN}", f"[messages.Body]\n{protection}")
+    return text_file(folder / "their.toml", text)
+
+
 def test_what_is_wrong_with_its_protection_is_reported_with_the_file(tmp_path: Path) -> None:
     """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
-    own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
-    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    assert own in text
-    rig = tmp_path / "their.toml"
-    wrong = '[messages.Body]\nchecksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n'
-    rig.write_text(text.replace(own, wrong), encoding="utf-8")
+    rig = rig_with(tmp_path, 'checksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n')
     assert issues_of(recorded, tmp_path, SPEED + "value = 30\n", rig=rig) == [
         f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
     ]
 
 
 def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With AUTOSAR's profile 1, judged by the receiver that an ECU has; in plain Python: a rig with profiles has
-    machine code of its own, which takes a minute.
-    """
+    """Judged by an ECU's receiver; in plain Python, as a rig with profiles has machine code of its own."""
     monkeypatch.setenv("LIFTGATE_COMPILE", "0")
-    own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
-    text = Path(RIG.source).read_text(encoding="utf-8")
-    text = text.replace(own, f'{own}protection = "e2e-p01"\ndata_id = 0x1234\n')
-    assert "e2e-p01" in text
-    (tmp_path / "their.toml").write_text(text.replace('"liftgate.dbc"', f'"{RIG.database}"'), encoding="utf-8")
-    rig = load_rig(tmp_path / "their.toml")
+    rig = load_rig(rig_with(tmp_path, f'{OWN}protection = "e2e-p01"\ndata_id = 0x1234\n'))
     _, frames = recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
     issues = ConfigIssues("")
     bus = build_bus_config(
