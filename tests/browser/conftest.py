@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from browser_support import OPENS, opened
-from dashboard_support import address_in, process
+from dashboard_support import bench, page_beside
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 
@@ -52,11 +52,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
     """The address of the page of a run with the reference ECU, which opens the gate."""
-    bench = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600")
-    with process(*bench, "--scenario", "s.toml", folder=folder) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=folder) as child:
-            yield address_in(child)
+    with (
+        bench(folder, "page", "--ecu", "reference", "--scenario", "s.toml") as run,
+        page_beside(run, folder) as client,
+    ):
+        yield client.address
 
 
 @pytest.fixture

@@ -106,12 +106,8 @@ def test_a_fault_is_injected_shown_and_cleared(page: Any, address: str) -> None:
 def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any) -> None:
     click(page, "#bus-view summary")
     for name, value in (("Body.VehicleSpeed", "12.5"), ("Body.Ignition", "on")):
-        box = found(page, "#signal-name")
-        box.clear()
-        box.send_keys(name)
-        field = found(page, "#signal-value input")
-        field.clear()
-        field.send_keys(value)
+        set_value(page, "#signal-name", name)
+        set_value(page, "#signal-value input", value)
         click(page, "#signal button")
         until(page, lambda _, name=name: f"signal {name}" in text_of(page, "#answer"))
     until(page, lambda _: "VehicleSpeed = 12.5" in text_of(page, "#messages"))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from browser_support import click, errors_in, found, opened, until, window
-from dashboard_support import address_in, process
+from dashboard_support import page_of
 
 import liftgate_hil as lh
 
@@ -124,8 +124,8 @@ def test_what_is_scrolled_to_is_not_below_the_header(page: Any) -> None:
 
 def test_a_recording_has_all_charts_in_sight_beside_the_gate(browser: Any, tmp_path: Path) -> None:
     lh.run("demo", duration=2.0, record=tmp_path / "run.mf4")
-    with process("dashboard", "--recording", "run.mf4", "--listen", "127.0.0.1:0", folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, "--recording", "run.mf4") as client:
+        opened(browser, client.address, ("recording",))
         with window(browser, *BENCH):
             end = f"{BOX} return box(document.querySelector('#plots')).bottom"
             until(browser, lambda _: browser.execute_script(end) < BENCH[1])

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 from browser_support import GOING, OPENS, click, errors_in, found, opened, text_of, until
-from dashboard_support import address_in, process
+from dashboard_support import bench, bench_with_page, page_beside, page_of, process
 
 import liftgate_hil as lh
 
-BENCH = ("--ecu", "reference", "--overrun-limit", "3600")
+ECU = ("--ecu", "reference")
 FAILED = ("ended: fail", "ended: inconclusive")  # a busy machine cannot tell
 PASSED = ("ended: pass", "ended: inconclusive")
 # Numbers all that takes the focus and is shown, and returns how many there are.
@@ -55,86 +55,72 @@ AXE = Path(__file__).parent / "vendor" / "axe.min.js"
 def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, tmp_path: Path) -> None:
     passes = 'duration = 2.0\n[[expect]]\nname = "stays shut"\nalways = "gate_angle_deg < 5"\n'
     (tmp_path / "s.toml").write_text(passes, encoding="utf-8")
-    run = ("--bus", "virtual:next", *BENCH, "--scenario", "s.toml")
-    with process("--bus", "virtual:next", *BENCH, folder=tmp_path) as first:
-        arguments = ("dashboard", "--attach", str(first.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process(*arguments, folder=tmp_path) as child:
-            opened(browser, address_in(child))
-            first.terminate()
-            assert first.wait(30) == 0
-            until(browser, lambda _: text_of(browser, "#phase") == "ended")
-            assert re.fullmatch(r"Stopped at [\d.]+ s\.", text_of(browser, "#end-reason"))
-            assert not found(browser, "#clear").is_enabled()
-            with process(*run, folder=tmp_path) as second:
-                until(browser, lambda _: "· s · next" in browser.title)
-                until(browser, lambda _: text_of(browser, "#phase") in PASSED)
-                assert "stays shut" in text_of(browser, "#verdicts")
-                assert second.wait(30) == 0
-            assert errors_in(browser) == []
-            child.kill()
-            until(browser, lambda _: text_of(browser, "#end-next").startswith("No connection"))
+    with bench(tmp_path, "next", *ECU) as first, page_beside(first, tmp_path) as client:
+        opened(browser, client.address)
+        first.terminate()
+        assert first.wait(30) == 0
+        until(browser, lambda _: text_of(browser, "#phase") == "ended")
+        assert re.fullmatch(r"Stopped at [\d.]+ s\.", text_of(browser, "#end-reason"))
+        assert not found(browser, "#clear").is_enabled()
+        with bench(tmp_path, "next", *ECU, "--scenario", "s.toml") as second:
+            until(browser, lambda _: "· s · next" in browser.title)
+            until(browser, lambda _: text_of(browser, "#phase") in PASSED)
+            assert "stays shut" in text_of(browser, "#verdicts")
+            assert second.wait(30) == 0
         assert errors_in(browser) == []
+        client.child.kill()
+        until(browser, lambda _: text_of(browser, "#end-next").startswith("No connection"))
+    assert errors_in(browser) == []
 
 
 def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The server ends with the run; the page waits for the next one, without errors in the console.
-
-    A run of 8 s, in real time.
-    """
+    """A run of 8 s, in real time: the server ends with it, and the page waits, without errors in the console."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
     fails = 'duration = 8.0\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "fails.toml").write_text(fails, encoding="utf-8")
-    own = ("--bus", "virtual:own", *BENCH, "--dashboard")
-    with process(*own, "--scenario", "fails.toml", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
-        address = address_in(run, is_error=True)
-        browser.get(address)
+    with bench_with_page(tmp_path, "own", *ECU, "--scenario", "fails.toml") as client:
+        browser.get(client.address)
         until(browser, lambda _: text_of(browser, "#phase") in FAILED)
         assert "opens: " in text_of(browser, "#end-reason")
-        assert run.wait(30) == 0
+        assert client.child.wait(30) == 0
     time.sleep(2.5)
     assert text_of(browser, "#phase") in FAILED
-    listen = address.removeprefix("http://").split("/")[0]
-    with process(*own, "--listen", listen, folder=tmp_path) as run:
-        address_in(run, is_error=True)
+    with bench_with_page(tmp_path, "own", *ECU, listen=client.host):
         until(browser, lambda _: text_of(browser, "#phase") in GOING)
     assert errors_in(browser) == []
 
 
 def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW, encoding="utf-8")
-    with process("--bus", "virtual:still", "--clock", "lockstep", "--ecu", "slow:Ecu", folder=tmp_path) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=tmp_path) as child:
-            opened(browser, address_in(child), ("stalled",))
-            assert "Run not advancing" in text_of(browser, "#health")
-            browser.execute_script("command({ set: { road_slope_deg: 1 } })")
-            until(browser, lambda _: "takes effect when it goes on" in text_of(browser, "#answer"))
-            assert errors_in(browser) == []
+    still = ("--bus", "virtual:still", "--clock", "lockstep", "--ecu", "slow:Ecu")
+    with process(*still, folder=tmp_path) as run, page_beside(run, tmp_path) as client:
+        opened(browser, client.address, ("stalled",))
+        assert "Run not advancing" in text_of(browser, "#health")
+        browser.execute_script("command({ set: { road_slope_deg: 1 } })")
+        until(browser, lambda _: "takes effect when it goes on" in text_of(browser, "#answer"))
+        assert errors_in(browser) == []
 
 
 def test_a_server_that_stands_still_is_told_and_comes_back(browser: Any, tmp_path: Path) -> None:
-    with process("--bus", "virtual:frozen", *BENCH, folder=tmp_path) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=tmp_path) as child:
-            opened(browser, address_in(child))
-            child.send_signal(signal.SIGSTOP)
-            try:
-                until(browser, lambda _: text_of(browser, "#phase").startswith("no data"))
-                assert found(browser, "#commands").get_property("disabled")
-            finally:
-                child.send_signal(signal.SIGCONT)
-            until(browser, lambda _: text_of(browser, "#phase") in GOING)
-            assert not found(browser, "#commands").get_property("disabled")
-            assert errors_in(browser) == []
+    with bench(tmp_path, "frozen", *ECU) as run, page_beside(run, tmp_path) as client:
+        opened(browser, client.address)
+        client.child.send_signal(signal.SIGSTOP)
+        try:
+            until(browser, lambda _: text_of(browser, "#phase").startswith("no data"))
+            assert found(browser, "#commands").get_property("disabled")
+        finally:
+            client.child.send_signal(signal.SIGCONT)
+        until(browser, lambda _: text_of(browser, "#phase") in GOING)
+        assert not found(browser, "#commands").get_property("disabled")
+        assert errors_in(browser) == []
 
 
 def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path) -> None:
     result = lh.run("demo", record=tmp_path / "run.mf4")
-    arguments = ("dashboard", "--recording", "run.mf4", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, "--recording", "run.mf4") as client:
+        opened(browser, client.address, ("recording",))
         peak = result.maxima["pinch_force_n"]
         assert float(text_of(browser, "#pinch")) == pytest.approx(peak, abs=0.1)
         assert float(text_of(browser, "#time")) == pytest.approx(result.pinch_time_s, abs=0.01)
@@ -156,8 +142,8 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         until(browser, lambda _: text_of(browser, "#play") == "Play")
         assert float(text_of(browser, "#time")) == pytest.approx(42.0, abs=0.01)
         assert errors_in(browser) == []
-        child.kill()
-        child.wait()
+        client.child.kill()
+        client.child.wait()
         browser.execute_script("seek(about.begin_s)")
         until(browser, lambda _: text_of(browser, "#phase") == "no connection")
         assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
@@ -168,9 +154,8 @@ def test_a_recording_says_what_was_before_it_and_what_it_does_not_know(browser: 
     columns = "time_s,gate_angle_deg,pinch_force_n,pinch_force_peak_n,ticks_missed,fault.injected"
     rows = "".join(f"{5 + 0.01 * k!r},30,0,90,{870 + k // 50},1\n" for k in range(150))
     (tmp_path / "run.csv").write_text(f"{columns}\n{rows}", encoding="utf-8")
-    arguments = ("dashboard", "--recording", "run.csv", "--vehicle", "suv", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, "--recording", "run.csv", "--vehicle", "suv") as client:
+        opened(browser, client.address, ("recording",))
         assert text_of(browser, "#contacts") == "No contact in this recording."
         assert "last peak 90 N, before the recording" in text_of(browser, "header")
         assert "last peak 90 N, before the recording" in text_of(browser, "#gauge")
@@ -185,10 +170,10 @@ def test_a_recording_says_what_was_before_it_and_what_it_does_not_know(browser: 
 
 def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_path: Path) -> None:
     lh.run("demo", duration=1.0, record=tmp_path / "run.blf")
-    bus_log = ("dashboard", "--recording", "run.blf", "--vehicle", "suv", "--listen", "127.0.0.1:0")
+    bus_log = ("--recording", "run.blf", "--vehicle", "suv", "--rig")
     buttons = "return [...document.querySelectorAll('#plots .panel button')]"
-    with process(*bus_log, "--rig", "liftgate", folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, *bus_log, "liftgate") as client:
+        opened(browser, client.address, ("recording",))
         assert text_of(browser, "#contacts") == "The recording holds no pinch force."
         said = browser.execute_script(f"{buttons}.map((each) => each.innerText)")
         assert any(each.startswith("Gate.Angle") for each in said), said
@@ -198,8 +183,8 @@ def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_
         assert not found(browser, "#not-drawn").is_displayed()
         assert errors_in(browser) == []
     database = str(lh.load_rig("liftgate").database)
-    with process(*bus_log, "--rig", database, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, *bus_log, database) as client:
+        opened(browser, client.address, ("recording",))
         assert not found(browser, "#drawing").is_displayed()
         assert "the recording holds no gate_angle_deg" in text_of(browser, "#not-drawn")
         assert not found(browser, "#scene-help").is_displayed()
@@ -209,10 +194,9 @@ def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_
 def test_a_recording_without_a_vehicle_has_charts_over_the_whole_width(browser: Any, tmp_path: Path) -> None:
     rows = "".join(f"{0.01 * k!r},{k % 7}\n" for k in range(200))
     (tmp_path / "run.csv").write_text(f"time_s,left_current_a\n{rows}", encoding="utf-8")
-    arguments = ("dashboard", "--recording", "run.csv", "--listen", "127.0.0.1:0")
     widths = "return ['#charts', 'main'].map((each) => document.querySelector(each).clientWidth)"
-    with process(*arguments, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("recording",))
+    with page_of(tmp_path, "--recording", "run.csv") as client:
+        opened(browser, client.address, ("recording",))
         assert not found(browser, "#scene").is_displayed()
         assert "The gate is drawn if --vehicle names its vehicle." in text_of(browser, "#contacts")
         charts, whole = browser.execute_script(widths)
@@ -223,9 +207,8 @@ def test_a_recording_without_a_vehicle_has_charts_over_the_whole_width(browser: 
 def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) -> None:
     about = 'description = "the gate opens"\nrequirement = ["LG-1"]\n'
     (tmp_path / "opens.toml").write_text(about + OPENS, encoding="utf-8")
-    arguments = ("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("no run",))
+    with page_of(tmp_path, "--scenarios", ".") as client:
+        opened(browser, client.address, ("no run",))
         until(browser, lambda _: text_of(browser, ".scenario").split("\n") == ["opens", "LG-1", "the gate opens"])
         browser.execute_script("find('scenario-filter').value = 'none'; filterScenarios()")
         assert text_of(browser, "#scenario-none") == "No scenario matches."
@@ -246,9 +229,8 @@ def test_the_end_shows_the_peak_the_scenarios_limit_and_each_sentence_once(brows
     (tmp_path / "traps" / "rod.toml").write_text(TRAP, encoding="utf-8")
     (tmp_path / "opens.toml").write_text(OPENS, encoding="utf-8")
     groups = "return [...document.querySelectorAll('#scenario-list legend')].map((it) => it.innerText)"
-    arguments = ("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        opened(browser, address_in(child), ("no run",))
+    with page_of(tmp_path, "--scenarios", ".") as client:
+        opened(browser, client.address, ("no run",))
         until(browser, lambda _: browser.execute_script(groups) == ["this folder", "traps/"])
         click(browser, ".scenario input[value='traps/rod.toml']")
         click(browser, "#start button")
@@ -276,15 +258,13 @@ def test_a_page_that_ended_with_its_run_shows_the_recording_that_is_served_next(
 ) -> None:
     """As of a demo that is repeated on the free clock: at the same address, with the same token."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
-    with process("--bus", "virtual:own", *BENCH, "--dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
-        address = address_in(run, is_error=True)
-        opened(browser, address)
-        run.terminate()
-        assert run.wait(30) == 0
+    with bench_with_page(tmp_path, "own", *ECU) as client:
+        opened(browser, client.address)
+        client.child.terminate()
+        assert client.child.wait(30) == 0
     until(browser, lambda _: "With LIFTGATE_HIL_TOKEN set" in text_of(browser, "#end-next"))
     lh.run("demo", duration=1.0, record=tmp_path / "run.mf4")
-    listen = address.removeprefix("http://").split("/")[0]
-    with process("dashboard", "--recording", "run.mf4", "--listen", listen, folder=tmp_path):
+    with page_of(tmp_path, "--recording", "run.mf4", listen=client.host):
         until(browser, lambda _: text_of(browser, "#phase") == "recording")
         assert "run.mf4" in browser.title
         assert errors_in(browser) == []

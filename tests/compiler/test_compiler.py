@@ -127,9 +127,7 @@ def test_text_is_copied_behind_itself(gap: int):
 
 
 def python(code: str, *folders: Path, cache: Path | None = None) -> str:
-    """What a fresh Python with these places for modules prints. It keeps no bytecode: an edit within a second that
-    leaves a file's length as it was is not seen there.
-    """
+    """What a fresh Python prints; without bytecode, in which an edit within a second might not be seen."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
     if cache is not None:
         env["XDG_CACHE_HOME"] = str(cache)
@@ -139,6 +137,7 @@ def python(code: str, *folders: Path, cache: Path | None = None) -> str:
 
 
 SOURCES = [Path(package.__file__).parent for package in (liftgate_compiler, liftgate_hil, liftgate_plant)]
+FOLDERS = [source.parent for source in SOURCES]
 
 
 def cache_of(*folders: Path) -> str:
@@ -154,7 +153,7 @@ def test_an_edit_of_either_package_asks_for_new_machine_code_wherever_they_are_i
     for source in SOURCES:  # beside each other, as a wheel puts them
         shutil.copytree(source, tmp_path / source.name)
     found = [cache_of(tmp_path)]
-    assert found[0] == cache_of(*(source.parent for source in SOURCES))
+    assert found[0] == cache_of(*FOLDERS)
     for edited in ("liftgate_plant/friction.py", "liftgate_hil/loop/tick.py"):
         with (tmp_path / edited).open("a") as stream:
             stream.write("# edited\n")
@@ -247,7 +246,7 @@ def caches_of(package: Path) -> tuple[str, str]:
         "from gatelike import entries; from liftgate_compiler import cache_folder;"
         "print(cache_folder(entries.large).name, cache_folder(entries.small).name)",
         package,
-        *(source.parent for source in SOURCES),
+        *FOLDERS,
     ).split()
     return large, small
 
@@ -298,20 +297,19 @@ print(known, is_cached(large), answer, "numba" in sys.modules, "scipy.linalg" in
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
 def test_machine_code_is_kept_until_what_it_is_made_of_changes(package: Path, tmp_path: Path):
-    places = (package, *(source.parent for source in SOURCES))
     home = tmp_path / "cache"
     first = USE.format(first="", last="")
     fresh, again = (
         [known, "True", "116.0", "False", "False"] for known in ("False", "True")
     )  # numba is in the process that compiles
-    assert python(first, *places, cache=home).split() == fresh
-    assert python(first, *places, cache=home).split() == again
+    assert python(first, package, *FOLDERS, cache=home).split() == fresh
+    assert python(first, package, *FOLDERS, cache=home).split() == again
     # With numba there before.
     second = USE.format(first="import numba", last="")
-    assert python(second, *places, cache=home).split()[:3] == again[:3]
+    assert python(second, package, *FOLDERS, cache=home).split()[:3] == again[:3]
     replace(package / "gatelike" / "kinds.py", "low: float\n    high: float", "high: float\n    low: float")
     replace(package / "gatelike" / "entries.py", "1.0, 4.0", "4.0, 1.0")
-    assert python(first, *places, cache=home).split() == fresh
+    assert python(first, package, *FOLDERS, cache=home).split() == fresh
 
 
 SMALL = """
@@ -359,15 +357,14 @@ print([{calls}])
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
 def test_machine_code_that_was_spoilt_is_made_anew(tmp_path: Path):
     """Each entry point's in another way; compiled twice, so that this takes a while."""
-    places = [source.parent for source in SOURCES]
     expected = f"{[float(place) for place in range(len(SPOILS))]}\n"
-    assert python(SEVERAL, *places, cache=tmp_path) == expected
+    assert python(SEVERAL, *FOLDERS, cache=tmp_path) == expected
     files = sorted(tmp_path.rglob("*.code"))
     assert len(files) == len(SPOILS)
     whole = [path.read_bytes() for path in files]
     for path, spoil in zip(files, SPOILS, strict=True):
         spoil(path)
-    assert python(SEVERAL, *places, cache=tmp_path) == expected
+    assert python(SEVERAL, *FOLDERS, cache=tmp_path) == expected
     for path, before in zip(files, whole, strict=True):
         assert path.is_dir() or len(path.read_bytes()) == len(before)
     assert [path.is_dir() for path in files] == [spoil is in_a_folder for spoil in SPOILS]
@@ -376,13 +373,12 @@ def test_machine_code_that_was_spoilt_is_made_anew(tmp_path: Path):
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
 def test_where_nothing_can_be_kept_it_compiles_all_the_same(tmp_path: Path):
-    places = [source.parent for source in SOURCES]
     file = tmp_path / "file"
     file.touch()
-    assert python(SMALL, *places, cache=file) == "{(2.0, 3.0)}\n"
+    assert python(SMALL, *FOLDERS, cache=file) == "{(2.0, 3.0)}\n"
     homeless = "import os, pathlib\nos.environ.pop('XDG_CACHE_HOME', None)\n"
     homeless += "def nowhere(*_): raise RuntimeError('no home')\npathlib.Path.home = nowhere\n"
-    assert python(homeless + SMALL, *places) == "{(2.0, 3.0)}\n"
+    assert python(homeless + SMALL, *FOLDERS) == "{(2.0, 3.0)}\n"
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
@@ -397,7 +393,7 @@ from numba.np import arraymath, linalg
 linalg.ensure_blas()
 assert arraymath._HAVE_BLAS
 """
-    python(code, *(source.parent for source in SOURCES), cache=tmp_path)
+    python(code, *FOLDERS, cache=tmp_path)
 
 
 _LONG = """

@@ -80,8 +80,9 @@ def made_code(function: Any) -> bytes:
     return b"".join(each.data() for each in sections if each.is_text())
 
 
-def test_helpers_are_inlined_and_nothing_else_of_them_is_left():
+def test_helpers_of_several_entry_points_are_inlined_and_nothing_else_of_them_is_left():
     assert compiled(diamond)(3.0) == diamond(3.0) == 35.0
+    assert compiled(other_entry)(3.0) == other_entry(3.0)
     assert len(made_code(diamond)) < 1000
     assert len(made_object(diamond)) < 5000  # numba's names for them are longer than the code
 
@@ -113,11 +114,6 @@ def test_outlined_code_is_a_separate_function():
     assert compiled(calling)(3.0) == calling(3.0) == 63.0
     with pytest.raises(RuntimeError, match="calling raised an exception"):
         compiled(calling)(500.0)
-
-
-def test_entry_points_share_helpers():
-    assert compiled(diamond)(3.0) == diamond(3.0)
-    assert compiled(other_entry)(3.0) == other_entry(3.0)
 
 
 def test_what_code_raises_is_reported_with_its_name():

@@ -173,13 +173,9 @@ def test_an_array_that_python_does_not_have_is_not_returned():
         compiled(window)(np.arange(3.0))
 
 
-def allocating(count: int) -> float:
-    return np.zeros(count).sum()
-
-
 def test_code_that_allocates_does_not_compile():
     with pytest.raises(Exception, match=r"No implementation of function.*zeros"):
-        compiled(allocating)(3)
+        compiled(lambda count: np.zeros(count).sum())(3)
 
 
 LARGE, SPACED = np.arange(200_000.0), np.arange(20.0)[::2]
@@ -209,13 +205,9 @@ def test_an_array_of_an_unknown_type_is_refused():
         compiled(first_of)(np.arange(3.0).view(Rows))
 
 
-def next_of(count: int) -> int:
-    return count + 1
-
-
 def test_a_number_of_more_than_64_bits_is_refused():
     with pytest.raises(TypeError, match="more than 64 bits"):
-        compiled(next_of)(2**64)
+        compiled(lambda count: count + 1)(2**64)
 
 
 def test_arrays_lie_in_memory_as_is_taken_for_granted():
@@ -445,16 +437,19 @@ def started(apart: None, monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Pop
     return found
 
 
+def request_of(function: Any) -> child.CompileRequest:
+    return child.CompileRequest(function, (NumberKind("f"),), building.key_of(function))
+
+
 def test_giving_up_ends_the_process_that_compiles(
     started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
     def give_up() -> None:
         raise KeyboardInterrupt
 
-    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     monkeypatch.setattr(child, "_LOOK_S", 0.001)
     with pytest.raises(KeyboardInterrupt):
-        child.compile_apart(request, give_up)
+        child.compile_apart(request_of(double), give_up)
     assert [each.returncode for each in started] == [-9]
 
 
@@ -476,9 +471,7 @@ def text_sections(code: bytes) -> list[bytes]:
 
 
 def test_entry_points_that_share_a_process_get_the_same_machine_code(started: list[subprocess.Popen[bytes]]):
-    requests = [
-        child.CompileRequest(each, (NumberKind("f"),), building.key_of(each)) for each in (one_more, one_less)
-    ]
+    requests = [request_of(each) for each in (one_more, one_less)]
     alone = [child.compile_apart(each, lambda: None) for each in requests]
     assert [each.returncode for each in started] == [-9, -9]
     started.clear()
@@ -501,9 +494,8 @@ def test_a_process_that_is_killed_while_it_compiles_is_reported(
         started[-1].kill()
 
     monkeypatch.setattr(child, "_LOOK_S", 0.001)
-    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     with pytest.raises(child.CompileError, match=r"ended from outside \(signal 9\)"):
-        child.compile_apart(request, kill)
+        child.compile_apart(request_of(double), kill)
     assert [each.returncode for each in started] == [-9]
 
 
@@ -525,9 +517,8 @@ def test_a_process_that_does_not_read_is_waited_for_no_longer_than_the_caller_li
 
 
 def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
-    request = child.CompileRequest(double, (NumberKind("f"),), building.key_of(double))
     with child.sharing():
-        assert child.compile_apart(request, lambda: None) is not None
+        assert child.compile_apart(request_of(double), lambda: None) is not None
         kept = child._Kept.compiler
         pid = os.fork()
         if pid == 0:

@@ -21,9 +21,22 @@ from liftgate_compiler import files
 from liftgate_compiler.files import lock, name_beside, remove_leftovers, rename_new, whole_file, write_whole
 
 
-def test_a_file_is_replaced_with_its_permissions(tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    path.write_bytes(b"before")
+def refusing(number: int) -> Callable[..., Any]:
+    def refuse(*_: object, **more: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A file that there is."""
+    found = tmp_path / "report.html"
+    found.write_bytes(b"before")
+    return found
+
+
+def test_a_file_is_replaced_with_its_permissions(tmp_path: Path, path: Path) -> None:
     path.chmod(0o600)
     write_whole(path, b"after")
     assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"after", 0o600)
@@ -73,9 +86,8 @@ def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL])
 def test_a_file_that_cannot_be_replaced_is_written_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    path = tmp_path / "mounted.xml"
     path.write_bytes(b"before, and longer")
     monkeypatch.setattr(Path, "replace", refusing(number))
     write_whole(path, b"after")
@@ -86,20 +98,11 @@ def test_a_file_that_cannot_be_replaced_is_written_to(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def refusing(number: int) -> Callable[..., Any]:
-    def refuse(*_: object, **more: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    return refuse
-
-
 @pytest.mark.parametrize("place", ["beside", "spooled"])
 def test_what_cannot_be_replaced_stays_where_there_is_no_room(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     """Neither beside its place nor, as the folder takes no file, in a temporary one."""
-    path = tmp_path / "mounted.xml"
-    path.write_bytes(b"before")
     monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
     if place == "spooled":
         monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
@@ -116,10 +119,8 @@ def test_what_cannot_be_replaced_stays_where_there_is_no_room(
 
 
 def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "mounted.xml"
-    path.write_bytes(b"before")
     monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
     monkeypatch.setattr("shutil.copyfileobj", refusing(errno.EIO))
     with pytest.raises(OSError, match="the whole content is in ") as error:
@@ -129,27 +130,29 @@ def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
     assert beside.read_bytes() == b"after"
 
 
-def test_what_a_writer_raises_leaves_a_file_that_cannot_be_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("is_replaceable", [True, False])
+def test_what_a_writer_raises_leaves_the_file_and_closes_it(
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, is_replaceable: bool
 ) -> None:
-    path = tmp_path / "mounted.xml"
-    path.write_bytes(b"before")
-    monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
+    streams = []
+    if not is_replaceable:
+        monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
 
     def stopped() -> None:
         with whole_file(path) as stream:
+            streams.append(stream)
             stream.write(b"half of it")
             raise RuntimeError("stopped")
 
     with pytest.raises(RuntimeError, match="stopped"):
         stopped()
+    assert streams[0].closed
     assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
-def test_a_file_keeps_its_owner(tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    path.write_bytes(b"before")
+def test_a_file_keeps_its_owner(path: Path) -> None:
     os.chown(path, 65534, 65534)
     path.chmod(0o600)
     write_whole(path, b"after")
@@ -229,22 +232,18 @@ def test_whatever_fails_the_file_is_as_it_was_and_nothing_is_left(
 
 @pytest.mark.parametrize("fails", ["fsync", "fchmod", None])
 def test_an_error_of_closing_is_told_only_by_those_before_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
 ) -> None:
     """What was brought to the disk is there, however its descriptor is closed."""
-    close, path = os.close, tmp_path / "report.json"
-    path.write_bytes(b"before")
+    close = os.close
 
     def failing(descriptor: int) -> None:
         close(descriptor)
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    def full(*_: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     monkeypatch.setattr(os, "close", failing)
     if fails is not None:
-        monkeypatch.setattr(os, fails, full)
+        monkeypatch.setattr(os, fails, refusing(errno.ENOSPC))
         with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)) as caught:
             write_whole(path, b"content")
         assert caught.value.filename == str(path)
@@ -255,39 +254,18 @@ def test_an_error_of_closing_is_told_only_by_those_before_it(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_link_that_cannot_be_read_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, link = tmp_path / "report.html", tmp_path / "latest.html"
-    path.write_bytes(b"before")
+def test_a_link_that_cannot_be_read_is_not_replaced(
+    tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / "latest.html"
     link.symlink_to(path.name)
-
-    def failing(*_: object, **more: object) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
     with monkeypatch.context() as patch:
-        patch.setattr(os, "lstat", failing)
+        patch.setattr(os, "lstat", refusing(errno.EIO))
         with pytest.raises(OSError, match=os.strerror(errno.EIO)) as caught:
             write_whole(link, b"content")
     assert caught.value.filename == str(link)
     assert link.is_symlink()
     assert path.read_bytes() == b"before"
-
-
-def test_what_a_writer_raises_leaves_the_file_and_closes_it(tmp_path: Path) -> None:
-    path = tmp_path / "results.parquet"
-    path.write_bytes(b"before")
-    streams = []
-
-    def stopped() -> None:
-        with whole_file(path) as stream:
-            streams.append(stream)
-            stream.write(b"half of it")
-            raise RuntimeError("stopped")
-
-    with pytest.raises(RuntimeError, match="stopped"):
-        stopped()
-    assert streams[0].closed
-    assert path.read_bytes() == b"before"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_writer_may_close_the_stream(tmp_path: Path) -> None:
@@ -316,10 +294,7 @@ def test_a_file_that_shall_be_new_takes_nobodys_place(tmp_path: Path) -> None:
 
 
 def test_a_file_system_without_links_renames_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(os, "link", refusing(errno.EPERM))
     (tmp_path / "one").write_bytes(b"one")
     (tmp_path / "two").write_bytes(b"two")
     rename_new(tmp_path / "one", tmp_path / "three")
@@ -329,9 +304,7 @@ def test_a_file_system_without_links_renames_too(tmp_path: Path, monkeypatch: py
     assert (tmp_path / "two").read_bytes() == b"two"
 
 
-def test_permissions_that_are_given_hold_for_a_file_that_is_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "machine.code"
-    path.write_bytes(b"before")
+def test_permissions_that_are_given_hold_for_a_file_that_is_replaced(path: Path) -> None:
     path.chmod(0o666)
     write_whole(path, b"after", mode=0o600)
     assert path.stat().st_mode & 0o777 == 0o600
@@ -375,12 +348,9 @@ def test_what_a_killed_process_has_left_is_removed_and_nothing_else(tmp_path: Pa
 def test_without_locks_files_are_written_and_leftovers_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
     left = tmp_path / name_beside("report.html")
     left.write_bytes(b"whose")
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", refusing(number))
     with left.open("rb") as stream:
         assert not lock(stream.fileno())
     remove_leftovers(tmp_path)

@@ -6,25 +6,29 @@ from __future__ import annotations
 
 import functools
 import struct
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
 from numpy.typing import NDArray
 
 from liftgate_compiler import compiled
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
-from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED, LOGGED, Frames, empty_frames
+from liftgate_hil.codec.messages import Messages
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.receive import Counts, Reception, forget_stale, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, transmit
+from liftgate_hil.config.database import DatabaseFile, load_messages
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
 from liftgate_hil.plan.loop_start import loop_config_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
@@ -72,6 +76,15 @@ def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
         (int(frames.identifiers[row]), frames.data[row, : int(frames.lengths[row])].tobytes())
         for row in range(frames.count)
     ]
+
+
+def logged(rows: Sequence[tuple[int, int, bytes]]) -> NDArray[Any]:
+    """Frames of a log from (time [ns], identifier, payload)."""
+    found = np.zeros(len(rows), dtype=LOGGED)
+    for row, (time_ns, identifier, payload) in zip(found, rows, strict=True):
+        row["time_ns"], row["identifier"], row["length"] = time_ns, identifier, len(payload)
+        row["payload"][: len(payload)] = list(payload)
+    return found
 
 
 class Wire:
@@ -241,12 +254,51 @@ def start_of(config: LoopConfig, angle: float = 0.0, latched: bool = True) -> Lo
     return initial_loop(config, initial_state(config.plant, angle, latched=latched))
 
 
+def wait_for(happened: Callable[[], object], what: str = "it did not happen", patience: float = 120.0) -> None:
+    """Until something has happened; nothing is judged by how long [s] it may take."""
+    deadline = time.monotonic() + patience
+    while not happened():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def text_file(path: Path, text: str) -> Path:
+    """A file with this text."""
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def issues_of(call: Callable[..., object], *arguments: Any, **named: Any) -> list[str]:
+    """Why a call is refused: lines, none of which has a control character."""
+    with pytest.raises(ConfigError) as caught:
+        call(*arguments, **named)
+    assert all(issue.isprintable() for issue in caught.value.issues)
+    return caught.value.issues
+
+
+def keys_of(issues: Iterable[str]) -> list[str]:
+    """The keys of a file that issues are about."""
+    return [issue.split(": ")[1] for issue in issues]
+
+
+def database_of(body: str, cycle_ms: int = 10, nodes: str = "ECU Gate") -> str:
+    """A DBC, whose messages have this cycle where they do not have one of their own."""
+    attributes = f'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" {cycle_ms};\n'
+    return f'VERSION ""\nBS_:\nBU_: {nodes}\n{body}{attributes}'
+
+
+def messages_in(path: Path) -> Messages:
+    """The messages of a database that has no issue."""
+    issues = ConfigIssues("r.toml")
+    messages = load_messages(issues, DatabaseFile(path))
+    assert not issues.lines
+    return messages
+
+
 def write_rig(folder: Path, database: str, text: str) -> Path:
     """A rig file beside its database `their.dbc`."""
     (folder / "their.dbc").write_text(database, encoding="cp1252")
-    path = folder / "their.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return text_file(folder / "their.toml", text)
 
 
 def rig_of(folder: Path, database: str, text: str) -> Rig:

@@ -17,6 +17,10 @@ from tests.plant.runs import OPEN, inputs
 STROKE = plant_of(load_vehicle("suv")).link.stroke
 
 
+def ideal(*keys: str) -> Vehicle:
+    return load_vehicle("suv", keys, ideal=True)
+
+
 def profile_of(vehicle: Vehicle, seed: int = 0) -> FrictionProfile:
     return friction_profile(vehicle, plant_of(vehicle), seed)
 
@@ -27,15 +31,13 @@ def over(profile: FrictionProfile, drive: int, places: np.ndarray) -> np.ndarray
 
 
 def test_without_any_of_it_friction_is_that_of_the_law():
-    profile = profile_of(load_vehicle("suv", ideal=True), seed=5)
+    profile = profile_of(ideal(), seed=5)
     assert profile.factor.tolist() == [[1.0], [1.0]]
     assert (over(profile, 1, np.array([-1.0, 0.1, 1.0, math.nan])) == 1.0).all()
 
 
 def test_a_table_holds_at_shares_of_the_travel_and_beyond_its_ends():
-    profile = profile_of(
-        load_vehicle("suv", ["friction.position_table=[[0, 1.2], [0.5, 0.8], [1, 2]]"], ideal=True)
-    )
+    profile = profile_of(ideal("friction.position_table=[[0, 1.2], [0.5, 0.8], [1, 2]]"))
     shares = np.array([-0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 3.0])
     expected = [1.2, 1.2, 1.0, 0.8, 1.4, 2.0, 2.0]
     for drive in (0, 1):
@@ -49,17 +51,8 @@ def test_the_random_part_has_the_deviation_and_the_correlation_it_is_said_to_hav
     apart = length / (places[1] - places[0])
     first, second, third = [], [], []
     for number in range(250):
-        own = profile_of(
-            load_vehicle(
-                "suv",
-                [
-                    f"friction.position_deviation={deviation}",
-                    f"friction.position_length={length}",
-                    f"friction.position_profile={number}",
-                ],
-                ideal=True,
-            )
-        )
+        keys = {"deviation": deviation, "length": length, "profile": number}
+        own = profile_of(ideal(*(f"friction.position_{key}={value}" for key, value in keys.items())))
         values = (over(own, 0, places) - 1.0) / deviation
         first.append(values)
         second.append(np.interp(np.arange(200) + apart, np.arange(300), values))
@@ -76,12 +69,12 @@ def test_a_profile_is_that_of_its_number_on_any_gate():
     suv, compact = (profile_of(load_vehicle(name, keys, ideal=True)) for name in ("suv", "compact"))
     places = np.linspace(0.0, 0.15, 400)
     assert over(suv, 0, places) == pytest.approx(over(compact, 0, places), abs=1e-3)
-    other = profile_of(load_vehicle("suv", [keys[0], "friction.position_profile=4"], ideal=True))
+    other = profile_of(ideal(keys[0], "friction.position_profile=4"))
     assert np.abs(over(suv, 0, places) - over(other, 0, places)).max() > 0.1
 
 
 def test_a_spindle_out_of_true_loads_the_drive_once_a_turn():
-    vehicle = load_vehicle("suv", ["friction.eccentricity=0.3"], ideal=True)
+    vehicle = ideal("friction.eccentricity=0.3")
     places = np.linspace(0.0, STROKE, 5000)
     values = over(profile_of(vehicle), 0, places) - 1.0
     lead = vehicle.left.spindle.lead
@@ -94,16 +87,8 @@ def test_a_spindle_out_of_true_loads_the_drive_once_a_turn():
 
 def test_cycles_run_a_drive_in_and_wear_it():
     def factor(cycles: float) -> float:
-        vehicle = load_vehicle(
-            "suv",
-            [
-                "friction.run_in=0.4",
-                "friction.run_in_cycles=100",
-                "friction.wear=0.02",
-                f"friction.cycles={cycles}",
-            ],
-            ideal=True,
-        )
+        keys = {"run_in": 0.4, "run_in_cycles": 100, "wear": 0.02, "cycles": cycles}
+        vehicle = ideal(*(f"friction.{key}={value}" for key, value in keys.items()))
         return float(profile_of(vehicle).factor[0, 0])
 
     assert factor(0.0) == pytest.approx(1.4)
@@ -112,7 +97,7 @@ def test_cycles_run_a_drive_in_and_wear_it():
 
 
 def test_runs_differ_by_their_seed():
-    vehicle = load_vehicle("suv", ["friction.run_deviation=0.05"], ideal=True)
+    vehicle = ideal("friction.run_deviation=0.05")
     factors = np.array([profile_of(vehicle, seed).factor[:, 0] for seed in range(2000)])
     assert factors.mean() == pytest.approx(1.0, abs=0.004)
     assert factors.std() == pytest.approx(0.05, rel=0.05)
@@ -121,13 +106,13 @@ def test_runs_differ_by_their_seed():
 
 
 def test_friction_never_drives():
-    vehicle = load_vehicle("suv", ["friction.eccentricity=0.9", "friction.position_deviation=0.5"], ideal=True)
+    vehicle = ideal("friction.eccentricity=0.9", "friction.position_deviation=0.5")
     assert profile_of(vehicle).factor.min() >= LEAST
 
 
 def test_a_factor_is_as_much_more_friction_of_the_law():
     """Twice all friction torques, against a factor of two."""
-    suv = load_vehicle("suv", ["friction.viscous=1e-5"], ideal=True)
+    suv = ideal("friction.viscous=1e-5")
     doubled = plant_of(suv)
     laws = [d.friction._replace(coulomb=2 * d.friction.coulomb, viscous=2e-5) for d in doubled[:2]]
     doubled = doubled._replace(
@@ -145,7 +130,7 @@ def test_a_factor_is_as_much_more_friction_of_the_law():
 
 def test_the_factor_of_a_step_is_that_of_its_middle():
     """Second order: a fifth of the step, a twenty-fifth of the error."""
-    vehicle = load_vehicle("suv", ["friction.eccentricity=0.8", "friction.position_deviation=0.1"], ideal=True)
+    vehicle = ideal("friction.eccentricity=0.8", "friction.position_deviation=0.1")
     plant = plant_of(vehicle)
     profile = friction_profile(vehicle, plant, 0)
     look_up, step = compiled(frictions_in), compiled(integrate.step)

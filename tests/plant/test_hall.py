@@ -203,9 +203,7 @@ def test_a_plant_that_diverged_does_not_hold_up_the_tick() -> None:
 
 
 def decoder_and_timer(edges: np.ndarray) -> tuple[int, list[tuple[float, float]]]:
-    """An ECU that has the edges alone: its count, and its speed [counts/s] after each full electrical turn, by the
-    period between two rising edges of A.
-    """
+    """Of the edges alone: a count, and (time, speed [counts/s]) by each period between two rising edges of A."""
     levels, count, rising, speeds = [0, 0], 0, [], []
     for edge in edges:
         before = 2 * levels[0] + levels[1]

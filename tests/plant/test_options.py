@@ -34,10 +34,6 @@ ALONE = (
 )
 
 
-def floats(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(low, high, allow_nan=False, allow_infinity=False)
-
-
 def run_to(vehicle: Vehicle, state: State, drive: DriveInput, seconds: float, **changes) -> State:
     given_inputs = inputs(vehicle, drive, **changes)
     steps = round(seconds / STEP)
@@ -148,17 +144,16 @@ def test_friction_that_grows_with_the_load_holds_more() -> None:
 
 def test_an_inertia_in_the_file_replaces_that_of_the_plate() -> None:
     assert plant_of(suv("gate.inertia=20")).gate_inertia == pytest.approx(20.0, rel=1e-9)
-    assert plant_of(suv()).gate_inertia == pytest.approx(10.5467, abs=5e-5)
 
 
 @CALM
 @given(
-    angle=floats(0.05, 1.39),
-    slope=floats(-0.2, 0.2),
-    snow=floats(0.0, 60.0),
-    wind=floats(-200.0, 200.0),
-    hand=floats(-100.0, 100.0),
-    other=floats(-50.0, 50.0),
+    angle=st.floats(0.05, 1.39),
+    slope=st.floats(-0.2, 0.2),
+    snow=st.floats(0.0, 60.0),
+    wind=st.floats(-200.0, 200.0),
+    hand=st.floats(-100.0, 100.0),
+    other=st.floats(-50.0, 50.0),
 )
 def test_the_steady_torques_add_up(angle, slope, snow, wind, hand, other) -> None:
     """Each written out once more from the numbers of the file."""
@@ -199,10 +194,10 @@ def test_the_file_s_surroundings_are_the_load() -> None:
 
 @CALM
 @given(
-    angle_deg=floats(-0.05, 80.05),
-    rate=st.one_of(st.just(0.0), floats(0.01, 0.5), floats(-0.5, -0.01)),
-    speed=floats(-100.0, 100.0),
-    snow=floats(0.0, 40.0),
+    angle_deg=st.floats(-0.05, 80.05),
+    rate=st.one_of(st.just(0.0), st.floats(0.01, 0.5), st.floats(-0.5, -0.01)),
+    speed=st.floats(-100.0, 100.0),
+    snow=st.floats(0.0, 40.0),
     direction=st.sampled_from([1.0, -1.0]),
 )
 def test_the_acceleration_shown_is_what_a_short_step_does(angle_deg, rate, speed, snow, direction) -> None:

@@ -11,7 +11,7 @@ from liftgate_hil import Gate, load_vehicle
 from liftgate_plant import current, integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
-from liftgate_plant.dynamics import State, outputs
+from liftgate_plant.dynamics import Plant, State, outputs
 from liftgate_plant.initial import initial_state
 from liftgate_plant.pwm import Chopper, course
 from liftgate_plant.vehicle import Vehicle, plant_of
@@ -97,6 +97,12 @@ def heavy() -> Vehicle:
     return load_vehicle("suv", ["motor.rotor_inertia=1.0", "bridge.diode_drop=0.7"], ideal=True)
 
 
+def turning_at(plant: Plant, emf: float) -> State:
+    state = initial_state(plant, 0.5)
+    turning = state.left._replace(speed=emf / C2)
+    return state._replace(left=turning, right=turning)
+
+
 @pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
 @pytest.mark.parametrize("step", [1e-4, 1e-3])
 def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
@@ -105,9 +111,7 @@ def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
     own = heavy.left._replace(bridge=heavy.left.bridge._replace(pwm_frequency=frequency, freewheeling=mode))
     vehicle = heavy._replace(left=own, right=own)
     plant = plant_of(vehicle)
-    state = initial_state(plant, 0.5)
-    turning = state.left._replace(speed=emf / C2)
-    state = state._replace(left=turning, right=turning)
+    state = turning_at(plant, emf)
     given = inputs(vehicle, DriveInput(duty, 0.0, 0.0))
     advance = compiled(integrate.advance)
     for _ in range(math.ceil(2e-3 / step)):
@@ -156,9 +160,7 @@ def test_a_bridge_of_which_the_mean_is_taken_sags_with_what_a_switched_one_draws
     mean = vehicle.right._replace(bridge=vehicle.right.bridge._replace(pwm_frequency=0.0))
     vehicle = vehicle._replace(right=mean)
     plant, advance = plant_of(vehicle), compiled(integrate.advance)
-    state = initial_state(plant, 0.5)
-    turning = state.left._replace(speed=5.0 / C2)
-    state = state._replace(left=turning, right=turning)
+    state = turning_at(plant, 5.0)
     given = inputs(vehicle, DriveInput(0.4, 0.0, 0.0), DriveInput(0.7, 0.0, 0.0))
     for _ in range(5):
         state, flow = advance(plant, state, given, 1e-3)

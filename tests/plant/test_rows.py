@@ -188,6 +188,7 @@ def noisy(name: str) -> set[str]:
 
 
 CURRENTS = {"left_current_a", "right_current_a"}
+IN_MOTORS = {f"{side}_{part}_temperature_degc" for side in ("left", "right") for part in ("winding", "housing")}
 
 
 @pytest.mark.parametrize(
@@ -201,16 +202,7 @@ CURRENTS = {"left_current_a", "right_current_a"}
         ("slope_offset", {"road_slope_deg"}),
         ("acceleration_noise", {"gate_acceleration_mps2"}),
         ("voltage_noise", {"terminal_voltage_v"}),
-        (
-            "temperature_offset",
-            {
-                "ambient_temperature_degc",
-                "left_winding_temperature_degc",
-                "right_winding_temperature_degc",
-                "left_housing_temperature_degc",
-                "right_housing_temperature_degc",
-            },
-        ),
+        ("temperature_offset", {"ambient_temperature_degc", *IN_MOTORS}),
     ],
 )
 def test_an_error_of_a_sensor_is_in_its_own_column(name: str, columns: set[str]) -> None:

@@ -37,10 +37,6 @@ from tests.plant.runs import load, suv
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
 
 
-def floats(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(low, high, allow_nan=False, allow_infinity=False)
-
-
 def behind(signal, filtered: float, constant: float, step: float) -> float:
     """A signal behind a low-pass at the end of a step, by quadrature."""
     share, _ = quad(
@@ -52,11 +48,11 @@ def behind(signal, filtered: float, constant: float, step: float) -> float:
 
 @CALM
 @given(
-    first=floats(-20, 20), last=floats(-20, 20), amplitude=floats(-20, 20), rest=floats(-2, 2),
+    first=st.floats(-20, 20), last=st.floats(-20, 20), amplitude=st.floats(-20, 20), rest=st.floats(-2, 2),
     decay=st.sampled_from([100.0, 1e3, 1.62e4, 2e5]),
     constant=st.sampled_from([6.2e-5, 1e-4, 1e-3, 0.01, 0.3]),
     step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]),
-    filtered=floats(-20, 20),
+    filtered=st.floats(-20, 20),
 )  # fmt: skip
 def test_a_line_with_a_transient_passes_the_filter_as_by_quadrature(
     first, last, amplitude, rest, decay, constant, step, filtered
@@ -83,7 +79,7 @@ def test_any_time_constant_passes() -> None:
 
 @CALM
 @given(
-    start=floats(-1e3, 1e3), way=floats(-60, 60), amplitude=floats(-2, 2),
+    start=st.floats(-1e3, 1e3), way=st.floats(-60, 60), amplitude=st.floats(-2, 2),
     constant=st.sampled_from([6.2e-5, 1e-3, 0.01]), step=st.sampled_from([1e-5, 1e-3, 5e-3]),
 )  # fmt: skip
 def test_a_ripple_passes_the_filter_as_by_quadrature(start, way, amplitude, constant, step) -> None:

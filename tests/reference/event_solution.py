@@ -32,9 +32,7 @@ ROUNDING = 1e-13  # m, rev/s, rad/s, A, and relative to a torque
 
 
 class SmallRadau(Radau):
-    """scipy's Radau with LAPACK's own functions. Those of scipy.linalg around them take longer to check a matrix
-    of 8 to 14 rows than to solve it.
-    """
+    """scipy's Radau with LAPACK's own functions: those around them take longer to check than to solve."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -444,11 +442,6 @@ def advance(vehicle: Mapping[str, Any]) -> float:
     return float(vehicle["spindle"]["lead"] / vehicle["gear"]["ratio"])
 
 
-def dry_friction(torque: float) -> Law | None:
-    """Constant limit of a Balance; none at all without friction, so that nothing ever sticks."""
-    return (lambda v: torque) if torque > 0 else None
-
-
 def source_share(command: DriveInput) -> float:
     """Signed part of the terminal voltage and current that this bridge state passes on."""
     if command.mode not in ("open", "close", "brake", "coast", "voltage"):
@@ -498,7 +491,7 @@ class StimulusPlan:
         self.seal_arm: float = seal["arm"]
         thickness = seal["force"] / seal["stiffness"]
         self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.middle.travel, 0.0))
-        friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
+        friction: float = common["gate"].get("hinge_friction", 0.0)
         self.snow_distance: float = around.get("snow_distance", 0.5)
         self.snow_share = geometry.share(around.get("snow_lateral", 0.0))
         self.hand_share = geometry.share(around.get("hand_lateral", 0.0))
@@ -506,7 +499,9 @@ class StimulusPlan:
         wind = around.get("wind_area", 1.0) * around.get("wind_lever", 0.5)
         self.steady = phase.external_torque + phase.wind_pressure * wind + self.hand_moment
         inertia = geometry.inertia + phase.snow_mass * self.snow_distance**2
-        self.hinge = MomentumEquation(1, inertia, self._gate_moment, friction)
+        self.hinge = MomentumEquation(
+            1, inertia, self._gate_moment, (lambda v: friction) if friction > 0 else None
+        )
         self.latch = Latch(phase.released)
         rod = phase.obstacle
         self.obstacle = Contact(rod.stiffness, rod.damping, self._intrusion) if rod else None
@@ -634,9 +629,7 @@ class StimulusPlan:
             element.switch(v, progress)
 
     def alarms(self, start: float) -> list[Callable[[float, np.ndarray], float]]:
-        """Terminal events for solve_ivp; at the start itself none may already have risen. It asks all of them in
-        turn about the same array.
-        """
+        """Terminal events for solve_ivp, which asks all of them about one array; none has risen at the start."""
         last: tuple[float, np.ndarray | None, View | None] = (math.nan, None, None)
 
         def view(t: float, y: np.ndarray) -> View:
@@ -657,9 +650,7 @@ class StimulusPlan:
         return [alarm_of(element) for element in self.elements]
 
     def held(self, state: Sequence[float]) -> list[int]:
-        """The states that stay as they are until the regime changes. An implicit solver keeps them to its rounding
-        only, and how that falls depends on the machine.
-        """
+        """The states that stay as they are until the regime changes: the solver's rounding would move them."""
         found = [1] if self.latch.holds or self.hinge.is_held else []
         for drive in self.drives:
             found += [each.index for each in (drive.coil, drive.shaft) if each.is_held]
@@ -699,9 +690,7 @@ def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _phases_off(phases: Sequence[Phase]) -> list[Phase]:
-    """Phases with other last bits, where the suite's switch says so. Each ends when it ends, and what both drives
-    do alike they go on doing alike.
-    """
+    """Phases with other last bits, where the suite's switch says so; their ends, and what is alike, stay so."""
     return [
         replace(
             last_bits.off(each, "phase"),
@@ -797,27 +786,8 @@ def solve(
                 stimuli.settle(reached, state, due, reached - now > NO_PROGRESS)
             now = reached
         latched = stimuli.latch.holds
-    angle, rate, *drives = states.T
-    left_force, right_force, pinch_force, terminal_voltage = outputs.T
-    return Solution(
-        time=times,
-        left_current=drives[0],
-        left_speed=drives[1],
-        left_position=drives[2],
-        left_force=left_force,
-        right_current=drives[5],
-        right_speed=drives[6],
-        right_position=drives[7],
-        right_force=right_force,
-        angle=angle,
-        rate=rate,
-        twist=drives[10],
-        twist_rate=drives[11],
-        pinch_force=pinch_force,
-        terminal_voltage=terminal_voltage,
-        left_winding_temperature=drives[3],
-        left_housing_temperature=drives[4],
-        right_winding_temperature=drives[8],
-        right_housing_temperature=drives[9],
-        events=events,
-    )
+    names = ("current", "speed", "position", "winding_temperature", "housing_temperature")
+    columns = ("angle", "rate", *(f"{side}_{name}" for side in ("left", "right") for name in names))
+    found = zip((*columns, "twist", "twist_rate"), states.T, strict=True)
+    forces = zip(("left_force", "right_force", "pinch_force", "terminal_voltage"), outputs.T, strict=True)
+    return Solution(time=times, events=events, **dict(found), **dict(forces))

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.config.vehicle import vehicle_of
-from liftgate_plant.dynamics import DriveState, State
-from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import GATE, OPEN, column, fast_run, inputs, run_phases, suv, tables
+from tests.plant.runs import GATE, column, run_phases, suv, tables
 from tests.reference.event_solution import DriveInput, Obstacle, Phase, Solution, solve
 
 OPENING, CLOSING = DriveInput("open", 1.0), DriveInput("close", 1.0)
@@ -286,26 +284,6 @@ def test_whole_cycle_errors_shrink_with_the_square_of_the_step() -> None:
     # Second order; events inside steps scatter the errors by some ten per cent.
     assert current > 1.8, f"{current:.2f}, {found}"
     assert angle > 1.8, f"{angle:.2f}, {found}"
-
-
-def test_order_on_a_smooth_stretch_is_two() -> None:
-    """From the exact state at 0.3 s, when all contacts are closed, to 0.9 s: no event in between."""
-    times = np.array([0.0, 0.3, 0.9])
-    exact = solve(tables(), [both(0.9, OPENING)], times, tolerance=1e-11)
-    drive = DriveState(
-        float(exact.left_current[1]), float(exact.left_speed[1]), float(exact.left_position[1]), 20.0, 20.0, 20.0
-    )
-    start = State(drive, drive, float(exact.angle[1]), float(exact.rate[1]), 0.0)
-    steps = (2e-3, 1e-3, 5e-4, 2.5e-4)
-    vehicle = suv()
-    rows = []
-    for h in steps:
-        n = round(0.6 / h)
-        rows.append(fast_run(plant_of(vehicle), start, inputs(vehicle, OPEN), h, n)[-1])
-    position = [abs(row[2] - exact.left_position[2]) for row in rows]
-    angle = [abs(row[GATE] - exact.angle[2]) for row in rows]
-    order = np.polyfit(np.log(steps), np.log(angle), 1)[0]
-    assert order > 1.8, f"{order:.2f}: angle {angle}, position {position}"  # measured 1.99
 
 
 def test_steps_from_10_us_to_5_ms_agree_between_both_stops() -> None:

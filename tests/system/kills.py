@@ -16,19 +16,12 @@ from typing import NamedTuple
 
 import can
 from asammdf import MDF
+from hil_support import wait_for
 
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
 LOST_S = 1.0  # of a recording, at most
 LINE = re.compile(r"\(\d{10}\.\d{6}\) \S+ (?:[0-9A-F]{3}|[0-9A-F]{8})#(?:[0-9A-F]{2}){0,8} [RT]")
 NAMES = ("a.log", "a.mf4", "a.blf", "a.csv")
-
-
-def until(happened: object, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    assert callable(happened)
-    while not happened():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
 
 
 @contextlib.contextmanager
@@ -42,7 +35,7 @@ def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
     ) as child:  # fmt: skip
         try:
             texts = [folder / "a.log", folder / "a.csv"]
-            until(lambda: all(each.exists() and each.stat().st_size for each in texts), "nothing was recorded")
+            wait_for(lambda: all(each.exists() and each.stat().st_size for each in texts), "nothing was recorded")
             yield child
         finally:
             child.kill()

@@ -15,8 +15,7 @@ import struct
 import subprocess
 import sys
 import termios
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -24,6 +23,7 @@ import cantools
 import pyte
 import pytest
 from adapters import DRIVER
+from hil_support import text_file, wait_for
 
 from liftgate_hil.config.shipped import data_root
 
@@ -57,13 +57,6 @@ def process(*arguments: str, **options) -> Iterator[subprocess.Popen[str]]:
     finally:
         child.kill()
         child.communicate()
-
-
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 def lines_of(path: Path) -> list[str]:
@@ -221,8 +214,7 @@ def test_a_recorded_command_played_back_moves_the_gate(tmp_path: Path, group: st
     with process(*arguments, "--output", str(folder)) as demo:
         assert demo.wait(PATIENCE) == 0
     commands = [line for line in lines_of(folder / "demo.log") if " 120#" in line]
-    played = tmp_path / "commands.log"
-    played.write_text("\n".join(commands) + "\n")
+    played = text_file(tmp_path / "commands.log", "\n".join(commands) + "\n")
     record = tmp_path / "run.csv"
     with emulator(group, "--record", str(record), "--quiet") as gate:
         wait_for(lambda: len(lines_of(record)) > 200, "the emulator did not start")

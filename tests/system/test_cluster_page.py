@@ -8,13 +8,13 @@ import os
 import re
 import signal
 import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import readme
 import yaml
+from hil_support import wait_for
 
 from liftgate_hil.cli import campaign as command
 
@@ -66,11 +66,8 @@ def test_the_script_goes_on_after_its_time_limit(job: Path) -> None:
     process = begun(job)
     manifest = job / "trap" / "campaign.json"
     try:
-        deadline = time.monotonic() + readme.PATIENCE
-        while not manifest.exists():
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(lambda: manifest.exists() or process.poll() is not None, patience=readme.PATIENCE)
+        assert process.poll() is None
         os.kill(process.pid, signal.SIGTERM)  # as SLURM does: the script alone
         assert process.wait(readme.PATIENCE) == 143
         assert (job.parent / "home/scontrol.txt").read_text().split() == ["requeue", "7"]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 from liftgate_hil.cli.main import main
 
@@ -40,8 +41,7 @@ def recorded(folder: Path, *arguments: str, asked: dict[float, str] = REQUESTS, 
     """The bus log of a demo without an obstacle: the gate is stopped and driven on, its input has steps."""
     folder.mkdir()
     requests = (f'[[request]]\ntime = {at}\naction = "{each}"\n' for at, each in asked.items())
-    scenario = folder / "to_and_fro.toml"
-    scenario.write_text(f"duration = {duration}\n" + "".join(requests))
+    scenario = text_file(folder / "to_and_fro.toml", f"duration = {duration}\n" + "".join(requests))
     fixed = ["demo", "--clock", "free", "--scenario", str(scenario), "--quiet", "--ideal", "--output", str(folder)]
     assert main([*fixed, *SETTINGS, *arguments]) == 0
     return folder / "demo.log"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from c_library import build
+from c_library import build, source_of
 
 # What the product imports, and what its folders and commands are called.
 NAMES = (
@@ -15,19 +15,6 @@ NAMES = (
     "plant", "tools", "worker", "argparse", "ctypes", "enum", "json", "pathlib", "pickle", "random", "select",
     "signal", "socket", "subprocess", "tempfile", "typing",
 )  # fmt: skip
-
-
-SILENT = """
-#include "liftgate_ecu.h"
-void *liftgate_ecu_create(void) { static int it; return &it; }
-void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{
-    (void)ecu, (void)now_ns, (void)in, (void)count, (void)out, (void)capacity;
-    return 0;
-}
-"""
 
 
 @pytest.fixture
@@ -54,7 +41,7 @@ def test_files_of_the_working_directory_are_not_imported(
     folder: Path, tmp_path_factory: pytest.TempPathFactory, arguments: list[str]
 ) -> None:
     """Each command is a process; one in real time takes 5 s."""
-    library = build(tmp_path_factory.mktemp("ecu"), SILENT) if "{library}" in arguments else ""
+    library = build(tmp_path_factory.mktemp("ecu"), source_of()) if "{library}" in arguments else ""
     given = [each.format(library=library) for each in arguments]
     done = subprocess.run(
         [sys.executable, "-m", "liftgate_hil", *given],

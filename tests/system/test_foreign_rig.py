@@ -24,12 +24,15 @@ STORY = [
 ]
 
 
+def check_story(printed: str) -> None:
+    told = [line.split(" deg  ")[1] for line in printed.splitlines() if " deg  " in line]
+    assert [text[: len(start)] for text, start in zip(told, STORY, strict=True)] == STORY
+
+
 def test_the_demo_runs_on_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["demo", "--rig", str(RIG), "--clock", "free", "--output", str(tmp_path)]
     assert main(arguments) == 0
-    lines = capsys.readouterr().out.splitlines()
-    told = [line.split(" deg  ")[1] for line in lines if " deg  " in line]
-    assert [text[: len(start)] for text, start in zip(told, STORY, strict=True)] == STORY
+    check_story(capsys.readouterr().out)
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
     # The recording is theirs, and their database reads the gate's motion out of it.
@@ -55,9 +58,7 @@ def test_the_demo_runs_on_a_rig_as_it_was_drafted(tmp_path: Path, capsys: pytest
     assert main(["rig", "check", str(rig)]) == 0
     capsys.readouterr()
     assert main(["demo", "--rig", str(rig), "--clock", "free", "--no-record"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    told = [line.split(" deg  ")[1] for line in lines if " deg  " in line]
-    assert [text[: len(start)] for text, start in zip(told, STORY, strict=True)] == STORY
+    check_story(capsys.readouterr().out)
 
 
 def test_the_same_run_twice_is_the_same_to_the_bit(tmp_path: Path) -> None:

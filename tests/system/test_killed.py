@@ -17,7 +17,8 @@ from pathlib import Path
 
 import can
 import pytest
-from kills import NAMES, PATIENCE, check_kills, check_text, emulator, frames_in, kill, recorder_of, rows_in, until
+from hil_support import wait_for
+from kills import NAMES, PATIENCE, check_kills, check_text, emulator, frames_in, kill, recorder_of, rows_in
 
 from liftgate_hil.cli.main import main
 
@@ -75,7 +76,7 @@ def test_without_its_recorder_a_run_goes_on_and_says_what_was_not_recorded(
     log, table = tmp_path / "a.log", tmp_path / "a.csv"
 
     def kill() -> None:
-        until(lambda: log.exists() and log.stat().st_size > 0, "nothing was recorded")
+        wait_for(lambda: log.exists() and log.stat().st_size > 0, "nothing was recorded")
         os.kill(recorder_of(tmp_path), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
@@ -162,9 +163,9 @@ def test_what_an_ecu_has_started_ends_with_a_program_that_is_killed(tmp_path: Pa
     command = [sys.executable, "-m", "liftgate_hil", "test", "s.toml", "--clock", "realtime"]
     child = subprocess.Popen([*command, "--ecu", "forks:Ecu"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     noted = tmp_path / "child"
-    until(lambda: child.poll() is not None or (noted.exists() and noted.read_text()), "it begins")
+    wait_for(lambda: child.poll() is not None or (noted.exists() and noted.read_text()), "it begins")
     grandchild = Path("/proc") / noted.read_text()
     child.kill()
     told = child.communicate(timeout=PATIENCE)[1]
-    until(lambda: not grandchild.exists(), "what the ECU has started has ended")
+    wait_for(lambda: not grandchild.exists(), "what the ECU has started has ended")
     assert "supervisor" not in told

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 
@@ -37,12 +38,9 @@ def test_a_latch_that_does_not_let_go_is_no_travel() -> None:
 
 def test_what_was_left_half_closed_opens_again(tmp_path: Path) -> None:
     """The driver stops the gate in its half position, and asks for opening."""
-    scenario = tmp_path / "half.toml"
-    scenario.write_text(
-        'duration = 30\n'
+    scenario = text_file(tmp_path / "half.toml", 'duration = 30\n'
         '[[request]]\ntime = 0.5\naction = "open"\n'
-        '[[request]]\ntime = 13\naction = "close"\n'
-    )  # fmt: skip
+        '[[request]]\ntime = 13\naction = "close"\n')  # fmt: skip
     whole = lh.run(scenario, settings=BUILT, trace=True)
     place = whole.trace["latch_position"]
     half = next(time for time, now in zip(whole.trace["time_s"], place, strict=True) if now == 1.0 and time > 14.0)

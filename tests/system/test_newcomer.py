@@ -6,6 +6,7 @@ a serial port) is replaced by what is, in `places`; what would run for ever gets
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
@@ -13,13 +14,14 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import can
 import pytest
 import readme
 from c_ecu import needs_compiler, serial_line
+from hil_support import wait_for
 from readme import command, run, start
 
 SHORT = "--overrun-limit 60 --duration 0.3"
@@ -53,12 +55,17 @@ def ports() -> Iterator[dict[str, str]]:
         yield {"/dev/ttyUSB0": ours, "/dev/ttyUSB1": theirs}
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    """Until it is so."""
-    deadline = time.monotonic() + readme.PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)
+@contextlib.contextmanager
+def served(line: str, folder: Path, places: Mapping[str, str] | None = None) -> Iterator[list[str]]:
+    """Address and token of a page, whose command Ctrl-C ends in order."""
+    page = start(line, folder, places, "--listen 127.0.0.1:0")
+    try:
+        assert page.stdout is not None
+        yield page.stdout.readline().strip().split("/?token=")
+        page.send_signal(signal.SIGINT)
+        assert page.wait(readme.PATIENCE) == 0
+    finally:
+        page.kill()
 
 
 def test_the_readme_is_one_page() -> None:
@@ -213,7 +220,6 @@ def test_scripts_command_a_run_by_its_page(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     line = command("liftgate-hil --bus socketcan:can0 --dashboard")
     gate = start(line, folder, bus, "--overrun-limit 60 --listen 127.0.0.1:0")
-    processes = [gate]
     try:
         assert gate.stderr is not None
         told = next(each for each in gate.stderr if each.startswith("http"))
@@ -227,48 +233,33 @@ def test_scripts_command_a_run_by_its_page(
             (command('curl -d \'{"clear"'), "clear all"),
         ):
             assert f'"done":"{done}"' in run(asked, folder, places)
-        page = start(command("liftgate-hil dashboard"), folder, more="--listen 127.0.0.1:0")
-        processes.append(page)
-        assert page.stdout is not None
-        assert page.stdout.readline().startswith("http://127.0.0.1:")
-        for process in (page, gate):
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=readme.PATIENCE)
-        assert (gate.returncode, page.returncode) == (0, 0)
+        with served(command("liftgate-hil dashboard"), folder) as (page, _):
+            assert page.startswith("http://127.0.0.1:")
+        gate.send_signal(signal.SIGINT)
+        gate.communicate(timeout=readme.PATIENCE)
+        assert gate.returncode == 0
     finally:
-        for process in processes:
-            process.kill()
+        gate.kill()
 
 
 @pytest.mark.realtime
 @pytest.mark.usefixtures("demo")
 def test_a_recording_has_a_page(folder: Path) -> None:
-    page = start(command("liftgate-hil dashboard --recording"), folder, more="--listen 127.0.0.1:0")
-    try:
-        assert page.stdout is not None
-        assert page.stdout.readline().startswith("http://127.0.0.1:")
-        page.send_signal(signal.SIGINT)
-        assert page.wait(readme.PATIENCE) == 0
-    finally:
-        page.kill()
+    with served(command("liftgate-hil dashboard --recording"), folder) as (address, _):
+        assert address.startswith("http://127.0.0.1:")
 
 
 @pytest.mark.realtime
 def test_scenarios_are_started_from_the_page(folder: Path) -> None:
     (folder / "scenarios").mkdir(exist_ok=True)
     (folder / "scenarios" / "reverses.toml").write_text(readme.block("duration = 25.0"))
-    here = {"FOLDER": "scenarios"}
-    page = start(command("liftgate-hil dashboard --scenarios"), folder, here, "--listen 127.0.0.1:0")
-    try:
-        assert page.stdout is not None
-        address, token = page.stdout.readline().strip().split("/?token=")
+    with served(command("liftgate-hil dashboard --scenarios"), folder, {"FOLDER": "scenarios"}) as (
+        address,
+        token,
+    ):
         for scenario, said in (('"reverses.toml"', '"running":"reverses.toml"'), ("null", '"running":null')):
             body = f'{{"scenario": {scenario}}}'
             assert said in run(f"curl -sS -d '{body}' '{address}/api/run?token={token}'", folder)
-        page.send_signal(signal.SIGINT)
-        assert page.wait(readme.PATIENCE) == 0
-    finally:
-        page.kill()
 
 
 # An own database.

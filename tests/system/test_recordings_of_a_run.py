@@ -6,11 +6,11 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import can
 import pytest
+from hil_support import wait_for
 from mcap.reader import make_reader
 
 PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
@@ -22,11 +22,8 @@ def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path
     records = [part for name in names for part in ("--record", str(tmp_path / name))]
     arguments = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--json", *records]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
-        deadline = time.monotonic() + PATIENCE
         log = tmp_path / "run.log"
-        while not log.exists() or log.stat().st_size < 10_000:
-            assert time.monotonic() < deadline, "nothing was recorded"
-            time.sleep(0.05)
+        wait_for(lambda: log.exists() and log.stat().st_size >= 10_000, "nothing was recorded")
         child.send_signal(signal.SIGTERM)
         out, error = child.communicate(timeout=PATIENCE)
     assert child.returncode == 0, error

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from c_ecu import build_ecu, needs_compiler, serial_line
+from hil_support import text_file
 
 pytestmark = pytest.mark.realtime
 
@@ -43,8 +44,7 @@ def exit_code(*command: str) -> int:
 @needs_compiler
 def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tuple[Path, Path]) -> None:
     """The gate opens, closes and reverses in real time."""
-    surroundings = tmp_path / "surroundings.toml"
-    surroundings.write_text(OBSTACLE)
+    surroundings = text_file(tmp_path / "surroundings.toml", OBSTACLE)
     with (
         serial_line() as (ours, theirs),
         process(

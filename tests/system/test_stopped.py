@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from c_library import build, needs_compiler
+from c_library import build, needs_compiler, source_of
+from hil_support import wait_for
 
 PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -36,22 +37,6 @@ class Ecu:
 
 if HOW == "imports":
     hang(HOW)
-"""
-LIBRARY = """
-#include "liftgate_ecu.h"
-#include <unistd.h>
-void *liftgate_ecu_create(void) { static int it; return &it; }
-void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{
-    (void)ecu, (void)in, (void)count, (void)out, (void)capacity;
-    if (now_ns > 20000000) {
-        (void)!write(2, "it hangs\\n", 9);
-        for (;;) pause();
-    }
-    return 0;
-}
 """
 
 
@@ -108,7 +93,8 @@ def test_a_python_ecu_that_hangs_is_given_up(tmp_path: Path, arguments: list[str
 @needs_compiler
 @pytest.mark.parametrize(("command", "number"), [("demo", signal.SIGINT), ("ecu", signal.SIGTERM)])
 def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: int) -> None:
-    library = str(build(tmp_path, LIBRARY))
+    step = 'if (now_ns > 20000000) { (void)!write(2, "it hangs\\n", 9); for (;;) pause(); }'
+    library = str(build(tmp_path, source_of(step=step)))
     flags = ["--bus", f"virtual:{uuid.uuid4()}"] if command == "ecu" else ["--no-record"]
     code, error = stopped_when_it_hangs(tmp_path, number, command, "--ecu", library, *flags)
     assert code == 128 + number
@@ -122,10 +108,7 @@ def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
     for _ in range(5):
         table.unlink(missing_ok=True)
         with process(tmp_path, "--bus", f"virtual:{uuid.uuid4()}", "--record", str(table)) as child:
-            deadline = time.monotonic() + PATIENCE
-            while not table.is_file() or table.stat().st_size < 10_000:
-                assert time.monotonic() < deadline, "nothing was recorded"
-                time.sleep(0.02)
+            wait_for(lambda: table.is_file() and table.stat().st_size >= 10_000, "nothing was recorded")
             began = time.monotonic()
             for _ in range(3):
                 child.send_signal(number)
@@ -198,10 +181,7 @@ def test_the_ecus_process_ends_with_one_that_is_killed(tmp_path: Path) -> None:
         assert any("suv on" in line for line in child.stderr), "it did not come so far"
         (ecu,) = children_of(child.pid)
         child.kill()
-        deadline = time.monotonic() + PATIENCE
-        while is_alive(ecu):
-            assert time.monotonic() < deadline, "its ECU drives on"
-            time.sleep(0.05)
+        wait_for(lambda: not is_alive(ecu), "its ECU drives on")
 
 
 def is_alive(number: int) -> bool:

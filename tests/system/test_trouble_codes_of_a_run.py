@@ -11,6 +11,7 @@ from pathlib import Path
 
 import can
 import pytest
+from hil_support import issues_of, text_file
 
 import liftgate_hil as lh
 from liftgate_hil.config.shipped import find_config
@@ -38,8 +39,7 @@ def short(tmp_path: Path) -> Callable[..., Path]:
     """A scenario in which nothing happens, and more."""
 
     def made(more: str = "", duration: float = 1.0) -> Path:
-        path = tmp_path / "short.toml"
-        path.write_text(SHORT.format(duration=duration) + more)
+        path = text_file(tmp_path / "short.toml", SHORT.format(duration=duration) + more)
         return path
 
     return made
@@ -174,8 +174,7 @@ def test_a_rig_may_speak_otherwise(short: Callable[..., Path], tmp_path: Path) -
         "status_mask = 0x50\ncycle_ms = 50",
     )
     path = short().read_text().replace("U1A01-87", "B1A09-98")
-    scenario = tmp_path / "other.toml"
-    scenario.write_text(path)
+    scenario = text_file(tmp_path / "other.toml", path)
     log = tmp_path / "run.log"
     result = lh.run(scenario, rig=rig, record=[log])
     # Not tested yet, as a code's status says; the answer takes more than one frame.
@@ -200,8 +199,7 @@ def test_the_tester_waits_for_the_scenarios_time(short: Callable[..., Path], tmp
 
 
 def test_without_such_an_expectation_nobody_asks(short: Callable[..., Path], tmp_path: Path) -> None:
-    path = tmp_path / "none.toml"
-    path.write_text('duration = 0.3\n[[expect]]\nname = "x"\nalways = "time_s < 1"\n')
+    path = text_file(tmp_path / "none.toml", 'duration = 0.3\n[[expect]]\nname = "x"\nalways = "time_s < 1"\n')
     ecu = Answering({})
     assert lh.run(path, ecu=ecu).verdict == "pass"
     assert ecu.requests == []
@@ -224,9 +222,7 @@ def test_what_is_missing_is_reported(
     short: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig_with(tmp_path, "")
-    with pytest.raises(ConfigError) as caught:
-        lh.run(short(), rig=bare)
-    assert caught.value.issues == [
+    assert issues_of(lh.run, short(), rig=bare) == [
         f"{short()}: expect[0].dtc: U1A01-87: the rig has no [diagnostics]; allowed: a rig with "
         "[diagnostics] request and response"
     ]

@@ -40,6 +40,7 @@ from liftgate_hil.plan.setup import rig_from
 
 MS = 1_000_000
 CYCLE = 10 * MS
+MODULI = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}
 LIST = tuple((37 * i + 11) % 256 for i in range(16))
 
 Sender = Callable[[int, float], bytes]  # counter, value → payload
@@ -61,11 +62,13 @@ def message_of(profile: str, length: int = 8) -> Message:
 
 
 def bus_config_of(
-    profile: str, sending: bool = False, length: int = 8, timeout_cycles: float = 3.0, **more: Any
+    profile: str, sending: bool = False, length: int = 8, timeout_cycles: float = 3.0, mode: str = "", **more: Any
 ) -> BusConfig:
     message = message_of(profile, length)
     ids = LIST if profile == "e2e-p02" else (0x1A2B,)
-    nibble = "Nibble" if more.get("data_id_mode") == "nibble" else None
+    nibble = "Nibble" if mode == "nibble" else None
+    if profile == "e2e-p01" and mode:
+        more["data_id_mode"] = mode
     options = MessageOptions(
         timeout_cycles=timeout_cycles,
         counter="Counter",
@@ -126,10 +129,9 @@ VARIANTS = [
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 @pytest.mark.parametrize("length", [5, 8, 64])
 def test_what_is_sent_is_what_the_package_makes(codec: tuple[Any, Any], profile: str, mode: str, length: int):
-    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    bus = bus_config_of(profile, sending=True, length=length, **more)
+    bus = bus_config_of(profile, sending=True, length=length, mode=mode)
     their = theirs(profile, mode, length)
-    modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
+    modulus = MODULI[profile]
     sent = None
     for number in range(2 * modulus + 3):
         value = (number * 977) % 65536
@@ -139,10 +141,9 @@ def test_what_is_sent_is_what_the_package_makes(codec: tuple[Any, Any], profile:
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, mode: str):
-    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    bus = bus_config_of(profile, **more)
+    bus = bus_config_of(profile, mode=mode)
     their = theirs(profile, mode)
-    modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
+    modulus = MODULI[profile]
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number in range(40):
         frame = frames_of([(0x123, their(number % modulus, 100 + number))])
@@ -156,8 +157,7 @@ def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, m
 @CALM
 @given(st.integers(0, 63), st.integers(0, 14))
 def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: int):
-    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    bus = bus_config_of(profile, **more)
+    bus = bus_config_of(profile, mode=mode)
     payload = bytearray(theirs(profile, mode)(counter, 0x1234))
     payload[bit // 8] ^= 1 << bit % 8
     reception = nothing_received(bus, 1)
@@ -178,6 +178,12 @@ def test_another_data_id_is_seen():
 Step = int | str | None
 
 
+def payload_of(their: Sender, step: int | str, value: float) -> bytes:
+    payload = bytearray(their(0 if isinstance(step, str) else step, value))
+    payload[7] ^= isinstance(step, str)
+    return bytes(payload)
+
+
 def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
     """What became of each frame, and the state after each step."""
     their = theirs(profile)
@@ -188,10 +194,7 @@ def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[li
         reception, _ = forgotten(bus, reception, now)
         before = counts
         if step is not None:
-            payload = bytearray(their(0 if isinstance(step, str) else step, number))
-            if isinstance(step, str):
-                payload[7] ^= 1
-            frame = frames_of([(0x123, bytes(payload))])
+            frame = frames_of([(0x123, payload_of(their, step, number))])
             reception, counts = taken(bus, reception, counts, frame, now)
         causes.append(cause_of(before, counts))
         states.append(int(reception.memory[0, STATE]))
@@ -305,10 +308,7 @@ def test_the_state_machine_is_the_specifications(
     their = theirs("e2e-p05")
     reception, counts, states = nothing_received(bus, 1), NO_COUNTS, []
     for step in steps:
-        payload = bytearray(their(0 if isinstance(step, str) else step, 0))
-        if isinstance(step, str):
-            payload[7] ^= 1
-        frame = frames_of([(0x123, bytes(payload))])
+        frame = frames_of([(0x123, payload_of(their, step, 0))])
         reception, counts = taken(bus, reception, counts, frame, 0)
         states.append(int(reception.memory[0, STATE]))
     assert states == reference_states(real, window, min_ok, max_error)

@@ -19,6 +19,7 @@ from hil_support import (
     frames_of,
     panel_frame,
     rig_of,
+    shipped_rig,
     taken,
     with_checksum,
 )
@@ -84,15 +85,8 @@ def test_the_panels_values_are_taken(rig: Rig, bus: BusConfig, fresh: Reception)
     )  # fmt: skip
     reception, counts = take(bus, fresh, frame)
     assert counts.accepted == 1
-    expected = {
-        "obstacle_angle": 35.0,
-        "obstacle_rate": 10.0,
-        "road_slope": -12.0,
-        "supply_voltage": 9.5,
-        "hand_force": -200.0,
-    }
-    for name, wanted in expected.items():
-        assert value(reception, name) == pytest.approx(wanted)
+    names = ("obstacle_angle", "obstacle_rate", "road_slope", "supply_voltage", "hand_force")
+    assert [value(reception, name) for name in names] == pytest.approx([35.0, 10.0, -12.0, 9.5, -200.0])
 
 
 def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
@@ -122,28 +116,7 @@ def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
     }
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        "another identifier",
-        "the same identifier, extended",
-        "a message that we send",
-        "an error frame",
-        "an error frame with our identifier",
-        "a remote request for ours",
-        "a remote request for another",
-        "no payload",
-        "one byte short",
-        "one byte long",
-        "a CAN FD payload",
-        "a wrong checksum",
-        "a checksum of another identifier",
-        "a repeated counter",
-        "a duty over 100 %",
-        "the other duty over 100 %",
-        "a supply voltage over 40 V",
-    ],
-)
+@pytest.mark.parametrize("case", refusals(shipped_rig()))
 def test_a_refused_frame_counts_once_and_changes_nothing(rig: Rig, bus: BusConfig, fresh: Reception, case: str):
     cause, frame = refusals(rig)[case]
     before, counts = take(bus, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
@@ -195,20 +168,16 @@ def test_frames_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
     assert np.array_equal(frames.data, kept_data)
 
 
-def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, bus: BusConfig, fresh: Reception):
-    reception, counts = take(
-        bus, fresh, command_frame(rig, 15, **both(40.0, OPEN)), command_frame(rig, 0, **both(60.0, OPEN))
-    )
-    assert counts == NO_COUNTS._replace(accepted=2)
-    assert value(reception, "left_duty") == pytest.approx(60.0)
-
-
-def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, bus: BusConfig, fresh: Reception):
-    reception, counts = take(
-        bus, fresh, command_frame(rig, 5, **both(40.0, OPEN)), command_frame(rig, 5, **both(60.0, OPEN))
-    )
-    assert counts == NO_COUNTS._replace(accepted=1, counter=1)
-    assert value(reception, "left_duty") == pytest.approx(40.0)
+@pytest.mark.parametrize(
+    ("turns", "counts", "duty"), [((15, 0), {"accepted": 2}, 60.0), ((5, 5), {"accepted": 1, "counter": 1}, 40.0)]
+)
+def test_of_two_commands_in_one_read_the_later_holds_unless_its_counter_is_repeated(
+    rig: Rig, bus: BusConfig, fresh: Reception, turns: tuple[int, int], counts: dict[str, int], duty: float
+):
+    rows = [command_frame(rig, turn, **both(own, OPEN)) for turn, own in zip(turns, (40.0, 60.0), strict=True)]
+    reception, found = take(bus, fresh, *rows)
+    assert found == NO_COUNTS._replace(**counts)
+    assert value(reception, "left_duty") == pytest.approx(duty)
 
 
 @pytest.mark.parametrize(("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)])
@@ -221,11 +190,13 @@ def test_frames_missing_between_two_counters_are_lost(
     assert counts == NO_COUNTS._replace(accepted=2, lost=lost)
 
 
-def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, bus: BusConfig, fresh: Reception):
-    _, counts = take(
-        bus, fresh, command_frame(rig, 1), command_frame(rig, 2, LeftDuty=102.3), command_frame(rig, 3)
-    )
-    assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
+@pytest.mark.parametrize(("refused", "now", "lost"), [(2, 3, 0), (4, 5, 2)])  # 2 and 3 never came
+def test_a_refused_frame_that_did_come_in_is_not_lost_and_those_before_it_are(
+    rig: Rig, bus: BusConfig, fresh: Reception, refused: int, now: int, lost: int
+):
+    bad = command_frame(rig, refused, LeftDuty=102.3)
+    _, counts = take(bus, fresh, command_frame(rig, 1), bad, command_frame(rig, now))
+    assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1, lost=lost)
 
 
 @pytest.mark.parametrize(("now", "lost"), [(2, 0), (3, 0), (4, 1), (6, 3)])
@@ -239,17 +210,6 @@ def test_a_frame_whose_counter_cannot_be_read_is_refused_and_not_lost_as_well(
     assert counts == NO_COUNTS._replace(accepted=2, wrong_length=1, lost=lost)
     _, counts = take(bus, reception, command_frame(rig, now + 2), counts=counts)  # it counts for one gap only
     assert counts.lost == lost + 1
-
-
-def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, bus: BusConfig, fresh: Reception):
-    _, counts = take(
-        bus,
-        fresh,
-        command_frame(rig, 1),
-        command_frame(rig, 4, LeftDuty=102.3),  # 2 and 3 never came
-        command_frame(rig, 5),
-    )
-    assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1, lost=2)
 
 
 def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh: Reception):
@@ -320,16 +280,12 @@ right_duty = { signal = "Antrieb.Tastgrad", scale = -100 }
 [outputs]
 left_current = { signal = "Heraus.Strom", scale = 0.001 }
 """
-    rig = rig_of(tmp_path, DATABASE, text)
-    bus = rig.input_config()
-    payload = rig.messages["Antrieb"].encode({"Tastgrad": -0.25, "Richtung": 3, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
+    reception, counts = received(tmp_path, text, Tastgrad=-0.25)
     assert counts.accepted == 1
     assert value(reception, "left_duty") == pytest.approx(-25.0)
     assert value(reception, "right_duty") == pytest.approx(25.0)
     # In their range, but over 100 % in ours.
-    payload = rig.messages["Antrieb"].encode({"Tastgrad": 1.1, "Richtung": 3, "Zaehler": 0})
-    _, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
+    _, counts = received(tmp_path, text, Tastgrad=1.1)
     assert counts.out_of_range == 1
 
 
@@ -348,22 +304,24 @@ timeout_cycles = 2
 """
 
 
+def received(folder: Path, text: str, **values: float) -> tuple[Reception, Counts]:
+    """What is known after one frame of another maker."""
+    rig = rig_of(folder, DATABASE, text)
+    bus = rig.input_config()
+    payload = rig.messages["Antrieb"].encode({"Richtung": 3, "Zaehler": 0, **values})
+    return take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
+
+
 @pytest.mark.parametrize(("raw", "ours"), [(9, 1.0), (5, 2.0), (0, 0.0), (3, 3.0)])
 def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw: int, ours: float):
-    rig = rig_of(tmp_path, DATABASE, LABELS)
-    bus = rig.input_config()
-    payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
+    reception, counts = received(tmp_path, LABELS, Tastgrad=0.5, Richtung=raw)
     assert counts.accepted == 1
     assert value(reception, "left_direction") == ours
 
 
 @pytest.mark.parametrize("raw", [1, 2, 12, 15])
 def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw: int):
-    rig = rig_of(tmp_path, DATABASE, LABELS)
-    bus = rig.input_config()
-    payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
+    reception, counts = received(tmp_path, LABELS, Tastgrad=0.5, Richtung=raw)
     assert counts == NO_COUNTS._replace(out_of_range=1)
     assert np.isnan(reception.values).all()
 

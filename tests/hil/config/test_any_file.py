@@ -19,6 +19,7 @@ from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
+from tests.hil.config.mangled_lines import mangled
 from tools.hostile.mangling import document, slots
 
 ROOT = Path(__file__).parents[3]
@@ -87,30 +88,6 @@ def test_a_corrupt_file_is_refused_or_read(
                 assert fault.startswith(str(path))
                 assert "\n" not in fault
     assert refused > count // 2
-
-
-NUMBERS = ("0", "1", "7", "8", "64", "65", "-1", "1e400", "nan")
-SIGNS = '0123456789-+|@()[]",. MmZ:;xé'
-
-
-def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[str]:
-    lines = list(lines)
-    for _ in range(chance.randint(1, 3)):
-        at = chance.randrange(len(lines))
-        line = lines[at]
-        kind = chance.randrange(5)
-        if kind == 0:
-            del lines[at]
-        elif kind == 1:
-            lines.insert(at, chance.choice(lines))
-        elif kind == 2 and line:
-            place = chance.randrange(len(line))
-            lines[at] = line[:place] + chance.choice(SIGNS) + line[place + 1 :]
-        elif kind == 3 and (digits := re.findall(r"\d+", line)):
-            lines[at] = line.replace(chance.choice(digits), chance.choice(NUMBERS), 1)
-        elif kind == 4 and (names := re.findall(r"\w+", line)):
-            lines[at] = line.replace(chance.choice(names), chance.choice(words), 1)
-    return lines
 
 
 @pytest.mark.parametrize(

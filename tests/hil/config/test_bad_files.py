@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hil_support import issues_of, text_file
 
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
@@ -21,66 +22,42 @@ from liftgate_hil.errors import MOST, ConfigError, ConfigIssues, TransportError,
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 
 
-def issues_of(call: Callable[[], object]) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        call()
-    for issue in caught.value.issues:
-        assert issue.isprintable()
-    return caught.value.issues
-
-
 def test_a_byte_order_mark_is_no_part_of_the_content(tmp_path: Path):
     path = tmp_path / "v.toml"
     path.write_bytes(b"\xef\xbb\xbfdrives = 2\r\n")
     assert read_toml(path) == {"drives": 2}
 
 
-def folder(path: Path) -> None:
-    path.mkdir()
-
-
-def pipe(path: Path) -> None:
-    os.mkfifo(path)
-
-
-def circle(path: Path) -> None:
-    path.symlink_to(path)
-
-
-def dangling(path: Path) -> None:
-    path.symlink_to(path.with_name("gone"))
-
-
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (folder, "is a folder"),
-        (pipe, "is a pipe"),
-        (circle, "Too many levels of symbolic links"),
-        (dangling, "a link to no file"),
+        (Path.mkdir, "is a folder"),
+        (os.mkfifo, "is a pipe"),
+        (lambda path: path.symlink_to(path), "Too many levels of symbolic links"),
+        (lambda path: path.symlink_to(path.with_name("gone")), "a link to no file"),
     ],
 )
-def test_what_is_no_file_is_reported_as_what_it_is(tmp_path: Path, make: Callable[[Path], None], said: str):
+def test_what_is_no_file_is_reported_as_what_it_is(tmp_path: Path, make: Callable[[Path], Any], said: str):
     path = tmp_path / "x.toml"
     make(path)
     for load in LOADERS:
-        (issue,) = issues_of(lambda load=load: load(path))
+        (issue,) = issues_of(load, path)
         assert said in issue
-    (issue,) = issues_of(lambda: find_config("rigs", str(path)))
+    (issue,) = issues_of(find_config, "rigs", str(path))
     assert issue.startswith("`rig` ")
     assert said in issue
 
 
 @pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".toml"])
 def test_a_name_longer_than_any_file_is_reported_as_such(name: str):
-    (issue,) = issues_of(lambda: find_config("vehicles", name))
+    (issue,) = issues_of(find_config, "vehicles", name)
     assert "File name too long" in issue
     assert len(issue) < 150
 
 
 @pytest.mark.parametrize("name", ["x\0y.toml", "\udcff.toml", "none", "none.toml", "none/none"])
 def test_a_name_of_no_file_is_reported_as_such(tmp_path: Path, name: str):
-    (issue,) = issues_of(lambda: find_config("vehicles", name))
+    (issue,) = issues_of(find_config, "vehicles", name)
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
 
@@ -88,45 +65,31 @@ def test_a_file_of_nearly_the_same_name_is_proposed(tmp_path: Path):
     (tmp_path / "test_reverses.toml").touch()
     for name in ("test_closes.toml", "test_reverses.csv"):
         (tmp_path / name).touch()
-    with pytest.raises(ConfigError) as caught:
-        find_config("scenarios", str(tmp_path / "test_reverse.toml"))
-    proposed = tmp_path / "test_reverses.toml"
-    assert f"no such file; did you mean {proposed}? allowed: a file, or" in str(caught.value)
-    with pytest.raises(ConfigError) as caught:
-        find_config("scenarios", str(tmp_path / "else" / "test_reverse.toml"))
-    assert "no such file; allowed: a file, or" in str(caught.value)
-
-
-def test_a_folder_that_may_not_be_read_is_no_missing_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def denied(*_: object, **__: object) -> os.stat_result:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "stat", denied)
-    (issue,) = issues_of(lambda: find_config("vehicles", "there/x.toml"))
-    assert issue == "`vehicle` there/x.toml: cannot be read: Permission denied"
+    (issue,) = issues_of(find_config, "scenarios", str(tmp_path / "test_reverse.toml"))
+    assert f"no such file; did you mean {tmp_path / 'test_reverses.toml'}? allowed: a file, or" in issue
+    (issue,) = issues_of(find_config, "scenarios", str(tmp_path / "else" / "test_reverse.toml"))
+    assert "no such file; allowed: a file, or" in issue
 
 
 def test_the_database_of_a_rig_is_reported_alike(tmp_path: Path):
-    rig = tmp_path / "r.toml"
-    rig.write_text('dbc = "x.dbc"\n')
+    rig = text_file(tmp_path / "r.toml", 'dbc = "x.dbc"\n')
     (tmp_path / "x.dbc").symlink_to(tmp_path / "x.dbc")
-    (issue,) = issues_of(lambda: load_rig(rig))
+    (issue,) = issues_of(load_rig, rig)
     assert "x.dbc: cannot be read: Too many levels" in issue
 
 
-def soon(call: Callable[[], object]) -> list[str]:
+def soon(load: Callable[[Path], Any], path: Path) -> list[str]:
     """Its faults; a square of the number of keys takes minutes of this process's time."""
     before = time.process_time()
-    issues = issues_of(call)
+    issues = issues_of(load, path)
     assert time.process_time() - before < 10.0
     return issues
 
 
 @pytest.mark.parametrize("load", LOADERS)
 def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path], Any]):
-    path = tmp_path / "x.toml"
-    path.write_text("".join(f"k{i}=1\n" for i in range(100_000)))
-    issues = soon(lambda: load(path))
+    path = text_file(tmp_path / "x.toml", "".join(f"k{i}=1\n" for i in range(100_000)))
+    issues = soon(load, path)
     assert len([issue for issue in issues if ": unknown key; allowed" in issue]) == 20
     assert any("k20: and 99979 more: unknown keys" in issue for issue in issues)
     assert len(issues) <= MOST + 1
@@ -149,23 +112,20 @@ def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path
 def test_what_is_too_deep_or_too_large_is_reported_at_once(
     tmp_path: Path, load: Callable[[Path], Any], content: str
 ):
-    path = tmp_path / "x.toml"
-    path.write_text(content)
-    for issue in soon(lambda: load(path)):
+    path = text_file(tmp_path / "x.toml", content)
+    for issue in soon(load, path):
         assert "allowed" in issue or "not valid TOML" in issue
         assert len(issue) < 1000
 
 
 def test_dots_in_a_text_or_a_list_are_no_deep_key(tmp_path: Path):
-    path = tmp_path / "x.toml"
-    path.write_text(f'a = "{"1. " * 50}"\nb = [{"1.5, " * 50}]\n')
+    path = text_file(tmp_path / "x.toml", f'a = "{"1. " * 50}"\nb = [{"1.5, " * 50}]\n')
     assert len(read_toml(path)["b"]) == 50
 
 
 def test_no_control_character_reaches_a_terminal(tmp_path: Path):
-    path = tmp_path / "v\x1b[31m.toml"
-    path.write_text('"\\u001b]0;owned\\u0007" = 1\n"a\\nb\\u202e" = "\\u009b2J"\n')
-    issues = issues_of(lambda: load_vehicle(path))
+    path = text_file(tmp_path / "v\x1b[31m.toml", '"\\u001b]0;owned\\u0007" = 1\n"a\\nb\\u202e" = "\\u009b2J"\n')
+    issues = issues_of(load_vehicle, path)
     assert any("\\x1b]0;owned\\x07" in issue for issue in issues)
     assert printable("\x1b[0m°µ…\ud800") == "\\x1b[0m°µ…\\ud800"
     assert str(TransportError("a\nb\x07")) == "a\nb\\x07"

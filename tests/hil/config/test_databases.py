@@ -6,11 +6,12 @@ from pathlib import Path
 
 import cantools
 import pytest
+from hil_support import database_of, issues_of, messages_in, text_file
 
 from liftgate_hil.config.database import DatabaseFile, load_messages
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 ROOT = Path(__file__).parents[3]
 OURS = cantools.database.load_file(ROOT / "dbc/liftgate.dbc")
@@ -25,26 +26,24 @@ gate_angle = "Gate.Angle"
 CYCLES = "[messages]\nDriveCommand.cycle_ms = 10\nLeftDrive.cycle_ms = 5\nGate.cycle_ms = 10\n"
 
 
-def issues_of(folder: Path, name: str) -> list[str]:
-    (folder / "r.toml").write_text(RIG.format(name=name))
-    with pytest.raises(ConfigError) as caught:
-        load_rig(folder / "r.toml")
-    return caught.value.issues
+def issues_with(folder: Path, name: str) -> list[str]:
+    return issues_of(load_rig, text_file(folder / "r.toml", RIG.format(name=name)))
 
 
 @pytest.mark.parametrize("suffix", ["kcd", "KCD"])
 def test_the_same_bus_as_kcd_gives_the_same_tables(tmp_path: Path, suffix: str):
     (tmp_path / f"ours.{suffix}").write_text(OURS.as_kcd_string(), encoding="utf-8")
-    path = tmp_path / "r.toml"
-    path.write_text(RIG.format(name=f"ours.{suffix}") + CYCLES)
-    (tmp_path / "dbc.toml").write_text(RIG.format(name="liftgate.dbc") + CYCLES)
-    other, own = load_rig(path), load_rig(tmp_path / "dbc.toml")
+    other, own = (
+        load_rig(text_file(tmp_path / "r.toml", RIG.format(name=name) + CYCLES))
+        for name in (f"ours.{suffix}", "liftgate.dbc")
+    )
     for config in ("input_config", "output_config"):
         theirs, ours = getattr(other, config)(), getattr(own, config)()
         for table in ("messages", "signals", "places"):
             assert getattr(theirs, table).tobytes() == getattr(ours, table).tobytes()
 
 
+WIRED = '[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
 SYM = """FormatVersion=6.0 // Do not edit this line!
 Title="their bus"
 
@@ -95,9 +94,7 @@ Var=Current float 32,32 /u:mA
 
 def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_other_keywords(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM_5, encoding="cp1252")
-    issues = ConfigIssues("r.toml")
-    messages = load_messages(issues, DatabaseFile(tmp_path / "their.sym"))
-    assert not issues.lines
+    messages = messages_in(tmp_path / "their.sym")
     command, out = messages["Cmd"], messages["Out"]
     duty, way = command.signals
     assert (command.frame_id, command.length, command.cycle_time) == (0x100, 4, 20)
@@ -111,11 +108,7 @@ def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_othe
 
 def test_a_sym_is_read_with_its_units_and_cycles(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM, encoding="cp1252")
-    path = tmp_path / "r.toml"
-    path.write_text(
-        'dbc = "their.sym"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
-    )
-    rig = load_rig(path)
+    rig = load_rig(text_file(tmp_path / "r.toml", f'dbc = "their.sym"\n{WIRED}'))
     assert (rig.outputs[0].unit, rig.outputs[0].scale) == ("mA", 0.001)
     assert rig.output_config().messages.cycle_ns.tolist() == [10_000_000]
     assert rig.command_cycle_ms() == 20.0
@@ -192,41 +185,33 @@ def arxml(messages: list[tuple[str, int, str, str, float]]) -> str:
 def test_an_arxml_is_read_with_its_units(tmp_path: Path):
     content = arxml([("Cmd", 256, "Duty", "pct", 0.01), ("Out", 512, "Current", "mA", 10.0)])
     (tmp_path / "their.arxml").write_text(content, encoding="utf-8")
-    path = tmp_path / "r.toml"
-    path.write_text(
-        'dbc = "their.arxml"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
-        "[messages]\nCmd.cycle_ms = 10\nOut.cycle_ms = 10\n"
-    )
-    rig = load_rig(path)
+    cycles = "[messages]\nCmd.cycle_ms = 10\nOut.cycle_ms = 10\n"
+    rig = load_rig(text_file(tmp_path / "r.toml", f'dbc = "their.arxml"\n{WIRED}{cycles}'))
     (wire,) = rig.outputs
     assert (wire.unit, wire.scale) == ("mA", 0.001)
     assert rig.output_config().signals.factor.tolist() == [10.0]
     assert rig.inputs[0].quantity_range(rig.messages["Cmd"].signals[0]) == (-327.68, 327.67)
 
 
-LABELLED = """VERSION ""
-BS_:
-BU_: ECU Gate
-BO_ 256 Cmd: 8 ECU
+LABELLED = (
+    database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ Dir : 32|4@1+ (1,0) [0|15] "" Gate
 BO_ 512 Out: 8 Gate
  SG_ Angle : 0|16@1- (0.01,0) [0|0] "°" ECU
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-VAL_ 256 Dir 1 "Öffnen" 2 "Schließen" ;
-"""
+""")
+    + 'VAL_ 256 Dir 1 "Öffnen" 2 "Schließen" ;\n'
+)
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
 def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encoding: str):
     (tmp_path / "their.dbc").write_bytes(LABELLED.replace("\n", "\r\n").encode(encoding))
-    path = tmp_path / "r.toml"
-    path.write_text(
+    path = text_file(
+        tmp_path / "r.toml",
         'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n'
         'left_direction = { signal = "Cmd.Dir", values = { open = "Öffnen", close = "Schließen" } }\n'
         '[outputs]\ngate_angle = "Out.Angle"\n',
-        encoding="utf-8",
     )
     rig = load_rig(path)
     assert rig.input_config().names.theirs.tolist() == [1.0, 2.0]
@@ -247,8 +232,11 @@ def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encodin
 )
 def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name: str, said: str):
     (tmp_path / name).write_text("something else")
-    (issue,) = issues_of(tmp_path, name)
+    (issue,) = issues_with(tmp_path, name)
     assert said in issue
+
+
+XML = b'<?xml version="1.0"?>\n'
 
 
 @pytest.mark.parametrize(
@@ -256,28 +244,12 @@ def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name:
     [
         ("x.dbc", b'\nLIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
         ("x.kcd", b'LIN_description_file;\nLIN_protocol_version = "2.1";\n', "is a LIN database"),
-        (
-            "x.dbc",
-            b"//** BUSMASTER Messages and signals Database **//\n\n[DATABASE_VERSION] 1.3\n",
-            "is a BUSMASTER",
-        ),
+        ("x.dbc", b"//** Database **//\n\n[DATABASE_VERSION] 1.3\n", "is a BUSMASTER"),
         ("x.sym", LABELLED.encode(), "is a DBC; allowed: a name that ends in .dbc"),
         ("x.dbc", SYM.encode(), "is a SYM; allowed: a name that ends in .sym"),
-        (
-            "x.arxml",
-            b'<?xml version="1.0"?>\n<NetworkDefinition xmlns="x"></NetworkDefinition>',
-            "is a KCD; allowed: a",
-        ),
-        (
-            "x.dbc",
-            b'<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>',
-            "is an ARXML; allowed: a name that ends in",
-        ),
-        (
-            "x.dbc",
-            b"\n<!DOCTYPE html>\n<html><body>their.dbc</body></html>",
-            "is a web page; allowed: a CAN database",
-        ),
+        ("x.arxml", XML + b'<NetworkDefinition xmlns="x"></NetworkDefinition>', "is a KCD; allowed: a"),
+        ("x.dbc", XML + b'<AUTOSAR xmlns="x"></AUTOSAR>', "is an ARXML; allowed: a name that ends in"),
+        ("x.dbc", b"\n<!DOCTYPE html>\n<html></html>", "is a web page; allowed: a CAN database"),
         ("x.dbc", b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n", "is a Git LFS pointer"),
         ("x.dbc", b"PK\x03\x04\x14\0\x81\x8d", "is a spreadsheet, or another ZIP archive"),
         ("x.sym", SYM.replace("6.0", "4.0").encode(), "cannot be read: its version is neither"),
@@ -285,13 +257,13 @@ def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name:
 )
 def test_a_file_of_another_kind_under_our_ending_is_named(tmp_path: Path, name: str, content: bytes, said: str):
     (tmp_path / name).write_bytes(content)
-    (issue,) = issues_of(tmp_path, name)
+    (issue,) = issues_with(tmp_path, name)
     assert f"{tmp_path / name}: {said}" in issue
 
 
 def test_a_database_without_messages_is_reported(tmp_path: Path):
     (tmp_path / "x.dbc").write_text('VERSION ""\nBS_:\nBU_: A\n')
-    (issue,) = issues_of(tmp_path, "x.dbc")
+    (issue,) = issues_with(tmp_path, "x.dbc")
     assert "has no messages" in issue
 
 
@@ -310,22 +282,16 @@ def test_numbers_beyond_what_a_float_holds_are_reported(tmp_path: Path, numbers:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     before = "PinchForce : 0|16@1+ (0.1,0) [0|6553.5]"
     assert source.count(before) == 1
-    path = tmp_path / "theirs.dbc"
-    path.write_text(source.replace(before, f"PinchForce : 0|16@1+ {numbers}"), encoding="utf-8")
-    issues = ConfigIssues("r.toml")
-    messages = load_messages(issues, DatabaseFile(path))
-    assert not issues.lines
+    path = text_file(tmp_path / "theirs.dbc", source.replace(before, f"PinchForce : 0|16@1+ {numbers}"))
+    messages = messages_in(path)
     assert ("BenchStatus" in messages) is (not what)
     assert messages.left_out.get("BenchStatus", "").startswith(f"PinchForce: {what} " if what else "")
 
 
 def test_a_label_of_a_number_beyond_what_a_float_holds_is_reported(tmp_path: Path) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
-    path = tmp_path / "theirs.dbc"
-    path.write_text(f'{source}\nVAL_ 544 LatchState 1{"0" * 400} "far" ;\n', encoding="utf-8")
-    issues = ConfigIssues("r.toml")
-    messages = load_messages(issues, DatabaseFile(path))
-    assert not issues.lines
+    path = text_file(tmp_path / "theirs.dbc", f'{source}\nVAL_ 544 LatchState 1{"0" * 400} "far" ;\n')
+    messages = messages_in(path)
     assert messages.left_out["Gate"].startswith("LatchState: a label of 1000")
 
 
@@ -343,8 +309,7 @@ def test_a_signal_far_behind_its_message_is_reported_at_once(tmp_path: Path, kin
     }
     old, new = known[kind][what]
     assert old in text
-    path = tmp_path / f"far.{kind}"
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    path = text_file(tmp_path / f"far.{kind}", text.replace(old, new, 1))
     issues = ConfigIssues("r.toml")
     messages = load_messages(issues, DatabaseFile(path))
     # The lengths of a SYM stand outside of its messages.

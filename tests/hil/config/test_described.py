@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
+from hil_support import issues_of
 
 from liftgate_hil.config.described import Field, Record, command, fields_of
 from liftgate_hil.config.kinds import File, Flag, Number, Text, Texts
@@ -50,9 +51,7 @@ def test_arguments_are_read_as_their_kinds_read_them() -> None:
     ],
 )
 def test_an_argument_that_is_not_allowed_is_refused_with_what_is(given: Any, message: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        Request.of(**{"source": "run.csv", **given})
-    assert caught.value.issues == [message]
+    assert issues_of(Request.of, **{"source": "run.csv", **given}) == [message]
 
 
 def test_what_another_argument_needs_may_be_given_with_it() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hil_support import issues_of, text_file
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import EXTENDED
@@ -18,16 +19,14 @@ from liftgate_hil.judging.expectation import Expectation
 
 
 def expect(folder: Path, text: str) -> Path:
-    path = folder / "stimuli.toml"
-    path.write_text(f'duration = 1.0\n[[expect]]\nname = "x"\n{text}\n')
-    return path
+    return text_file(folder / "stimuli.toml", f'duration = 1.0\n[[expect]]\nname = "x"\n{text}\n')
 
 
-def told_by(load: Callable[[Path], object], path: Path, prefix: str) -> list[str]:
-    """What is told of a file, without what each line begins with."""
-    with pytest.raises(ConfigError) as caught:
-        load(path)
-    return [line.removeprefix(prefix) for line in caught.value.issues]
+def check_issues(load: Callable[[Path], object], path: Path, prefix: str, expected: list[str]) -> None:
+    """That a file has these issues and no others, each with this before it."""
+    told = [line.removeprefix(prefix) for line in issues_of(load, path)]
+    assert len(told) == len(expected), told
+    assert all(line.startswith(issue) for line, issue in zip(told, expected, strict=True)), told
 
 
 def test_a_trouble_code_is_expected_present_or_absent(tmp_path: Path) -> None:
@@ -60,16 +59,12 @@ _STATES = "one of present, absent"
 )  # fmt: skip
 def test_what_is_wrong_with_an_expectation_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = expect(tmp_path, text)
-    told = told_by(load_scenario, path, f"{path}: ")
-    assert len(told) == len(issues), told
-    assert all(line.startswith(issue) for line, issue in zip(told, issues, strict=True)), told
+    check_issues(load_scenario, path, f"{path}: ", issues)
 
 
 def rig(folder: Path, diagnostics: str) -> Path:
     text = find_config("rigs", "liftgate").read_text().split("[diagnostics]")[0]
-    path = folder / "rig.toml"
-    path.write_text(f"{text}[diagnostics]\n{diagnostics}\n")
-    return path
+    return text_file(folder / "rig.toml", f"{text}[diagnostics]\n{diagnostics}\n")
 
 
 def test_identifiers_are_messages_or_numbers(tmp_path: Path) -> None:
@@ -113,9 +108,7 @@ _WHO = "a message of the database, or an identifier, 0 to 536870911, above 0x7FF
 )  # fmt: skip
 def test_what_is_wrong_with_diagnostics_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = rig(tmp_path, text)
-    told = told_by(load_rig, path, f"{path}: diagnostics.")
-    assert len(told) == len(issues), told
-    assert all(line.startswith(issue) for line, issue in zip(told, issues, strict=True)), told
+    check_issues(load_rig, path, f"{path}: diagnostics.", issues)
 
 
 def test_no_table_is_reported(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hil_support import messages_in, text_file
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.messages import Messages
@@ -37,12 +38,8 @@ VAL_ 287 FaultCode 1 "Open" ;
 RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\ngate_angle = "Sens.Angle"\n'
 
 
-def loaded(folder: Path, text: str, name: str = "their.dbc") -> Messages:
-    (folder / name).write_text(text, encoding="utf-8")
-    issues = ConfigIssues("r.toml")
-    messages = load_messages(issues, DatabaseFile(folder / name))
-    assert not issues.lines
-    return messages
+def loaded(folder: Path, text: str) -> Messages:
+    return messages_in(text_file(folder / "their.dbc", text))
 
 
 def test_a_database_without_faults_has_no_notes(tmp_path: Path):
@@ -78,8 +75,7 @@ def test_a_fault_in_a_message_that_the_rig_does_not_use_is_a_note_and_one_in_a_m
     messages = loaded(tmp_path, f"{HEAD}{line}\n{TAIL}")
     assert [*messages] == ["Cmd", "Sens"]
     assert messages.left_out["Faults"] == why
-    path = tmp_path / "r.toml"
-    path.write_text(RIG, encoding="utf-8")
+    path = text_file(tmp_path / "r.toml", RIG)
     rig = load_rig(path)
     assert f"{tmp_path / 'their.dbc'}: Faults is left out: {why}" in rig.notes
     assert pickle.loads(pickle.dumps(rig)).notes == rig.notes
@@ -88,8 +84,7 @@ def test_a_fault_in_a_message_that_the_rig_does_not_use_is_a_note_and_one_in_a_m
         ("messages.Faults", "[messages.Faults]\ncycle_ms = 10\n"),
         ("diagnostics.request", '[diagnostics]\nrequest = "Faults"\nresponse = 1\n'),
     ):
-        path.write_text(RIG + more, encoding="utf-8")
-        _, issues = read_rig(path)
+        _, issues = read_rig(text_file(path, RIG + more))
         (said,) = (each for each in issues.lines if f": {key}: " in each)
         assert f"Faults cannot be used: {why}; allowed: a message without a fault" in said
 
@@ -244,31 +239,25 @@ def test_of_several_buses_one_is_chosen_or_the_file_is_refused_with_their_names(
     assert "dbc: car.kcd: has no bus 'Boot'; allowed: Body, Drive" in read_rig(path)[1].lines[0]
 
 
+UNREAD, NAMESPACE = "cannot be read", "xmlns='http://autosar.org/schema/r4.0'"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
         (
             "x.kcd",
             "<NetworkDefinition>\n <Bus>\n</NetworkDefinition>",
-            "cannot be read: no XML from line 3, column 3 on",
+            f"{UNREAD}: no XML from line 3, column 3 on",
         ),
-        (
-            "x.arxml",
-            "<AUTOSARX xmlns='http://autosar.org/schema/r4.0'/>",
-            "cannot be read: its root is AUTOSARX, not AUTOSAR",
-        ),
-        ("x.sym", "FormatVersion=4.0 // x\n", "cannot be read: its version is neither 5.0 nor 6.0"),
-        (
-            "x.dbc",
-            "nothing\n",
-            "has no messages; allowed: a CAN database with messages; line 1: “nothing” is no statement",
-        ),
+        ("x.arxml", f"<AUTOSARX {NAMESPACE}/>", f"{UNREAD}: its root is AUTOSARX, not AUTOSAR"),
+        ("x.sym", "FormatVersion=4.0 // x\n", f"{UNREAD}: its version is neither 5.0 nor 6.0"),
+        ("x.dbc", "nothing\n", "has no messages; allowed: a CAN database with messages; line 1: “nothing” is no"),
     ],
 )
 def test_what_cannot_be_read_at_all_is_refused_in_our_own_words(tmp_path: Path, name: str, text: str, said: str):
-    (tmp_path / name).write_text(text, encoding="utf-8")
     issues = ConfigIssues("r.toml")
-    assert not load_messages(issues, DatabaseFile(tmp_path / name))
+    assert not load_messages(issues, DatabaseFile(text_file(tmp_path / name, text)))
     (line,) = issues.lines
     assert line.startswith(f"r.toml: dbc: {tmp_path / name}: {said}")
 

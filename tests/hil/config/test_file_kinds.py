@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hil_support import issues_of, text_file
 
 from liftgate_hil.campaigns.file import read_campaign_file
 from liftgate_hil.campaigns.request import CampaignRequest
@@ -37,9 +38,7 @@ PAIRS = [(given, wanted) for given in FILES for wanted in READERS if given != wa
 
 @pytest.mark.parametrize(("given", "wanted"), PAIRS)
 def test_a_file_of_another_kind_gets_one_message(given: str, wanted: str):
-    with pytest.raises(ConfigError) as failure:
-        READERS[wanted](FILES[given])
-    (issue,) = failure.value.issues
+    (issue,) = issues_of(READERS[wanted], FILES[given])
     assert issue.startswith(f"{FILES[given]}: a {given} file, not a {wanted}; allowed: a {wanted} with ")
 
 
@@ -49,8 +48,7 @@ def test_a_file_of_the_kind_has_its_keys(kind: str):
 
 
 def test_one_known_key_is_enough_to_report_the_others(tmp_path: Path):
-    path = tmp_path / "mixed.toml"
-    path.write_text("duration = 5\ndbc = 'x.dbc'\n")
+    path = text_file(tmp_path / "mixed.toml", "duration = 5\ndbc = 'x.dbc'\n")
     with pytest.raises(ConfigError, match=r"dbc: 'x\.dbc': unknown key"):
         load_scenario(path)
 
@@ -69,9 +67,7 @@ def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_recordings_and_p
 )
 def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):
     (tmp_path / name).write_bytes(bytes(3_000_000))
-    with pytest.raises(ConfigError) as failure:
-        load_scenario(tmp_path / name)
-    assert failure.value.issues == [f"{tmp_path / name}: {said}"]
+    assert issues_of(load_scenario, tmp_path / name) == [f"{tmp_path / name}: {said}"]
 
 
 @pytest.mark.parametrize(
@@ -94,8 +90,5 @@ def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, nam
     ],
 )
 def test_typical_slips_in_a_scenario_are_told_with_what_is_meant(tmp_path: Path, text: str, said: str):
-    path = tmp_path / "s.toml"
-    path.write_text("duration = 1\n" + text)
-    with pytest.raises(ConfigError) as failure:
-        load_scenario(path)
-    assert f"{path}: {said}" in failure.value.issues
+    path = text_file(tmp_path / "s.toml", "duration = 1\n" + text)
+    assert f"{path}: {said}" in issues_of(load_scenario, path)

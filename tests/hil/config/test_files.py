@@ -2,77 +2,48 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from pathlib import Path
 
 import pytest
+from hil_support import issues_of
 
 from liftgate_hil.config.files import check_file, issue_with, read_bytes
 from liftgate_hil.errors import ConfigError
 
 
-def folder(at: Path) -> Path:
-    return at
-
-
-def fifo(at: Path) -> Path:
-    os.mkfifo(at / "fifo.toml")
-    return at / "fifo.toml"
-
-
-def listening(at: Path) -> Path:
+def listening(path: Path) -> None:
     # A socket's name has room for 107 letters.
-    here = Path.cwd()
-    os.chdir(at)
-    try:
-        with socket.socket(socket.AF_UNIX) as made:
-            made.bind("socket.toml")
-    finally:
-        os.chdir(here)
-    return at / "socket.toml"
-
-
-def loop_of_links(at: Path) -> Path:
-    (at / "a.toml").symlink_to("b.toml")
-    (at / "b.toml").symlink_to("a.toml")
-    return at / "a.toml"
-
-
-def link_to_nothing(at: Path) -> Path:
-    (at / "link.toml").symlink_to("gone.toml")
-    return at / "link.toml"
-
-
-def below_a_file(at: Path) -> Path:
-    (at / "file").write_text("")
-    return at / "file" / "x.toml"
+    with contextlib.chdir(path.parent), socket.socket(socket.AF_UNIX) as made:
+        made.bind(path.name)
 
 
 CASES = {
-    "a folder": (folder, "is a folder; allowed: a file"),
-    "a FIFO": (fifo, "is a pipe; allowed: a file"),
-    "a socket": (listening, "is a socket; allowed: a file"),
-    "a device": (lambda at: Path("/dev/zero"), "is a device; allowed: a file"),
-    "nothing": (lambda at: at / "no.toml", "no such file"),
-    "a link to nothing": (link_to_nothing, "a link to no file; allowed: a file"),
-    "a loop": (loop_of_links, "cannot be read: Too many levels of symbolic links"),
-    "a name too long": (lambda at: at / ("n" * 300), "cannot be read: File name too long"),
-    "below a file": (below_a_file, "cannot be read: Not a directory"),
-    "a NUL": (lambda at: at / "a\0b", "no such file"),
-    "no text": (lambda at: at / "\ud800", "no such file"),
+    "a folder": ("folder", Path.mkdir, "is a folder; allowed: a file"),
+    "a FIFO": ("fifo.toml", os.mkfifo, "is a pipe; allowed: a file"),
+    "a socket": ("socket.toml", listening, "is a socket; allowed: a file"),
+    "a device": ("/dev/zero", None, "is a device; allowed: a file"),
+    "nothing": ("no.toml", None, "no such file"),
+    "a link to nothing": ("link", lambda path: path.symlink_to("gone"), "a link to no file; allowed: a file"),
+    "a loop": ("loop", lambda path: path.symlink_to(path), "cannot be read: Too many levels of symbolic links"),
+    "a name too long": ("n" * 300, None, "cannot be read: File name too long"),
+    "below a file": ("file/x.toml", lambda path: path.parent.touch(), "cannot be read: Not a directory"),
+    "a NUL": ("a\0b", None, "no such file"),
+    "no text": ("\ud800", None, "no such file"),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_keeps_a_file_from_being_read_is_reported(case, tmp_path):
-    make, said = CASES[case]
-    path = make(tmp_path)
+    name, make, said = CASES[case]
+    path = tmp_path / name
+    if make is not None:
+        make(path)
     assert issue_with(path).startswith(said)
     for read in (check_file, read_bytes):
-        with pytest.raises(ConfigError) as raised:
-            read(path, called="`vehicle` theirs")
-        (issue,) = raised.value.issues
+        (issue,) = issues_of(read, path, called="`vehicle` theirs")
         assert issue.startswith(f"`vehicle` theirs: {said}")
 
 

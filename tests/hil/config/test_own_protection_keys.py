@@ -6,16 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
-from hil_support import write_rig
+from hil_support import database_of, write_rig
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.drafting.draft import draft_rig
 from liftgate_hil.config.rig import read_rig
 
-DATABASE = """VERSION ""
-BS_:
-BU_: ECU Gate
-BO_ 256 Cmd: 8 ECU
+DATABASE = database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ Alive : 48|4@1+ (1,0) [0|14] "" Gate
  SG_ Crc : 56|8@1+ (1,0) [0|0] "" Gate
@@ -26,9 +23,7 @@ BO_ 512 Out: 16 Gate
 BO_ 768 Body: 8 Gate
  SG_ Speed : 0|16@1+ (1,0) [0|0] "km/h" ECU
  SG_ Crc : 32|32@1+ (1,0) [0|0] "" ECU
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-"""
+""")
 RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\ngate_angle = "Out.Angle"\n'
 RIGHT = {"signal": '"Crc"', "width": "8", "polynomial": "0x2F"}
 ALLOWED = 'allowed: a list of "payload", "identifier", "counter", "data_id", each optionally with its bytes'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
@@ -49,8 +50,7 @@ def test_what_a_vehicle_may_be_without_is_not_noted() -> None:
 
 
 def test_it_is_told_where_a_vehicle_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scenario = tmp_path / "s.toml"
-    scenario.write_text('duration = 0.2\n[set]\n"motor.inductance" = 0.25\n', encoding="utf-8")
+    scenario = text_file(tmp_path / "s.toml", 'duration = 0.2\n[set]\n"motor.inductance" = 0.25\n')
     said = "motor.inductance/motor.resistance is 0.35 s"
     assert said in lh.run(scenario, ecu="reference").notes[0]
     output = str(tmp_path / "out.csv")

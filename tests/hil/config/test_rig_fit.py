@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hil_support import rig_of
+from hil_support import database_of, rig_of, write_rig
 
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import Rig
@@ -22,16 +23,11 @@ def rig_for(
     folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10, sender: str = "Gate"
 ) -> Rig:
     """One output on a signal."""
-    content = f"""VERSION ""
-BS_:
-BU_: ECU Gate
-BO_ 256 Cmd: 8 ECU
+    content = database_of(f"""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
 BO_ 512 Out: 8 {sender}
  SG_ X : {place} "{unit}" ECU
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-"""
+""")
     text = f"""dbc = "their.dbc"
 [inputs]
 left_duty = "Cmd.Duty"
@@ -42,6 +38,10 @@ right_duty = "Cmd.Duty"
 cycle_ms = {cycle}
 """
     return rig_of(folder, content, text)
+
+
+def current_rig(folder: Path, **more: Any) -> Rig:
+    return rig_for(folder, "0|16@1- (0.01,0) [0|0]", "A", "left_current", **more)
 
 
 def suv():
@@ -87,7 +87,7 @@ def test_an_angle_in_steps_without_a_latch_switch_is_noted(tmp_path: Path):
 
 
 def test_a_right_drive_without_a_command_is_noted(tmp_path: Path):
-    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current")
+    rig = current_rig(tmp_path)
     rig = replace(rig, inputs=tuple(wire for wire in rig.inputs if wire.quantity == "left_duty"))
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "inputs.right_duty is missing: the vehicle has two drives, and the right motor coasts" in note
@@ -96,15 +96,14 @@ def test_a_right_drive_without_a_command_is_noted(tmp_path: Path):
 
 
 def test_a_message_of_the_gate_that_the_ecu_sends_by_the_database_is_noted(tmp_path: Path):
-    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", sender="ECU")
+    rig = current_rig(tmp_path, sender="ECU")
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert note.endswith(
         "outputs.left_current: Out is a message of ECU in the database, which also sends Cmd: both the ECU and "
         "this gate would send it"
     )
     for sender in ("Gate", "Vector__XXX"):
-        rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", sender=sender)
-        assert notes_on_fit(rig, suv(), 1000.0) == []
+        assert notes_on_fit(current_rig(tmp_path, sender=sender), suv(), 1000.0) == []
 
 
 def test_a_signal_that_a_stalled_motor_leaves_is_reported(tmp_path: Path):
@@ -120,20 +119,19 @@ def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
 
 
 def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
-    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
+    rig = current_rig(tmp_path, cycle=2.5)
     check_fit(rig, suv(), 400.0)
     with pytest.raises(ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"):
         loop_config_of(suv(), rig, 200.0, 0)
 
 
 def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
-    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current")
     with pytest.raises(ConfigError, match=r"messages\.Cmd\.cycle_ms: 10; allowed: 20 or more"):
-        check_fit(rig, suv(), 50.0)
+        check_fit(current_rig(tmp_path), suv(), 50.0)
 
 
 def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
-    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
+    rig = current_rig(tmp_path, cycle=2.5)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "messages.Out.cycle_ms: 2.5 is not a whole number of ticks of 1 ms" in note
     assert notes_on_fit(rig, suv(), 2000.0) == []
@@ -176,10 +174,7 @@ def test_the_expected_values_are_the_vehicles():
 def test_counters_and_checksums_that_the_rig_leaves_out_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    content = """VERSION ""
-BS_:
-BU_: ECU Gate
-BO_ 256 Cmd: 8 ECU
+    content = database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ AliveCounter : 16|4@1+ (1,0) [0|15] "" Gate
  SG_ Crc : 24|8@1+ (1,0) [0|255] "" Gate
@@ -190,9 +185,7 @@ BO_ 512 Out: 8 Gate
  SG_ Coolant : 32|8@1+ (1,-40) [-40|215] "degC" ECU
  SG_ Page M : 40|8@1+ (1,0) [0|255] "" ECU
  SG_ Paged m0 : 48|8@1+ (1,0) [0|255] "" ECU
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-"""
+""")
     text = """dbc = "their.dbc"
 [inputs]
 left_duty = "Cmd.Duty"
@@ -222,23 +215,14 @@ counter = "AliveCounter"
     ],
 )
 def test_a_counter_that_goes_beyond_the_databases_range_is_noted(tmp_path: Path, counter: str, is_noted: bool):
-    (tmp_path / "their.dbc").write_text(
-        """VERSION ""
-BS_:
-BU_: ECU Gate
-BO_ 256 Cmd: 8 ECU
+    content = database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ Count : 16|4@1+ (1,0) [0|14] "" Gate
 BO_ 512 Out: 8 Gate
  SG_ Current : 0|16@1- (0.01,0) [-300|300] "A" ECU
-BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-""",
-        encoding="utf-8",
-    )
-    path = tmp_path / "rig.toml"
-    text = '[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
-    path.write_text(f'dbc = "their.dbc"\n{text}[messages.Cmd]\ncounter = {counter}\n', encoding="utf-8")
+""")
+    wired = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
+    path = write_rig(tmp_path, content, f"{wired}[messages.Cmd]\ncounter = {counter}\n")
     notes = notes_on_fit(rig_from(str(path)), vehicle_from("compact", []), 1000.0)
     said = [each for each in notes if "Count" in each]
     told = f"{path}: messages.Cmd.counter: Count goes from 0 to 15, in the database from 0 to 14: is highest = 14?"

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from hil_support import issues_of, text_file
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import load_scenario
@@ -25,11 +26,11 @@ def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None
         '[[expect]]\nname = "x"\nalways = "time_s < $b"\n'
         '[[expect]]\nname = "y"\nalways = "time_s < $a"\n'
     )
-    path = tmp_path / "s.toml"
-    path.write_text(
+    path = text_file(
+        tmp_path / "s.toml",
         'include = ["parts/bench.toml"]\nduration = 2.0\n[parameters]\nb = 5\n[set]\n"gate.mass" = 40\n'
         '[[request]]\ntime = "$a"\naction = "open"\n'
-        '[[expect]]\nname = "x"\nnever = "time_s < $b"\n'
+        '[[expect]]\nname = "x"\nnever = "time_s < $b"\n',
     )
     found = load_scenario(path, {"a": 0.5})
     assert (found.duration, found.seed) == (2.0, 7)
@@ -46,8 +47,7 @@ def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text('[[request]]\ntime = 1.0\naction = "open"\n')
     for name in ("a", "b"):
         (tmp_path / f"{name}.toml").write_text('include = "c.toml"\n')
-    path = tmp_path / "s.toml"
-    path.write_text('include = ["a.toml", "b.toml", "c.toml"]\n')
+    path = text_file(tmp_path / "s.toml", 'include = ["a.toml", "b.toml", "c.toml"]\n')
     assert len(load_scenario(path).requests) == 1
     (tmp_path / "c.toml").write_text('include = "s.toml"\n')
     with pytest.raises(ConfigError, match=r"c.toml: include\[0\]: 's.toml': includes this file itself"):
@@ -56,14 +56,11 @@ def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
 
 def test_the_mistakes_of_all_files_come_at_once_each_with_its_file(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('duration = -1\n[[fault]]\nkind = "x"\n')
-    path = tmp_path / "s.toml"
-    path.write_text('include = ["a.toml", "nix.toml", 3]\nseed = -1\n')
-    with pytest.raises(ConfigError) as caught:
+    path = text_file(tmp_path / "s.toml", 'include = ["a.toml", "nix.toml", 3]\nseed = -1\n')
+    with pytest.raises(ConfigError):
         load_scenario(path)
     path.write_text('include = ["a.toml", "nix.toml"]\nseed = -1\n')
-    with pytest.raises(ConfigError) as caught:
-        load_scenario(path)
-    assert [line.removeprefix(f"{tmp_path}/").split(": ")[:2] for line in caught.value.issues] == [
+    assert [line.removeprefix(f"{tmp_path}/").split(": ")[:2] for line in issues_of(load_scenario, path)] == [
         ["a.toml", "duration"], ["a.toml", "fault[0].kind"], ["s.toml", "include[1]"], ["s.toml", "seed"],
     ]  # fmt: skip
 
@@ -96,13 +93,11 @@ action = "open"
 """
 
 
-def issues_of(path: Path, **parameters: float) -> list[str]:
+def places_of_issues(path: Path, **parameters: float) -> list[str]:
     """What is wrong with a scenario: the files and keys, without the folder."""
-    with pytest.raises(ConfigError) as caught:
-        lh.run(path, parameters=parameters)
     return [
         re.split(r": (?=[^:]*(?:allowed:|out of range))|: Nobody", line.replace(f"{path.parent}/", ""))[0]
-        for line in caught.value.issues
+        for line in issues_of(lh.run, path, parameters=parameters)
     ]
 
 
@@ -115,7 +110,7 @@ def test_a_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
         values = {"b": b, "c": c, "d": d, "e": e}
         lines = "".join(f"{name} = {value}\n" for name, value in values.items())
         path.write_text(f'include = "bench.toml"\n[parameters]\na = {a}\n{lines}')
-        return issues_of(path)
+        return places_of_issues(path)
 
     here = ["bench.toml: expect[0].always", "bench.toml: request[0].time"]
     assert sorted(told(a=0.0, b=400)) == [
@@ -129,13 +124,12 @@ def test_a_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
     ]
     assert set(told()) <= set(here)
     assert told()
-    assert issues_of(path, a=0.0) == ["`parameters` a, as bench.toml: obstacle[0].stiffness"]
+    assert places_of_issues(path, a=0.0) == ["`parameters` a, as bench.toml: obstacle[0].stiffness"]
 
 
 def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:
     (tmp_path / "volts.csv").write_text("supply_voltage_v,time_s,other\n12,0,x\n9.5,1.5,y\n")
-    path = tmp_path / "s.toml"
-    path.write_text('[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
+    path = text_file(tmp_path / "s.toml", '[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
     (profile,) = load_scenario(path).stimuli.profiles.values()
     assert profile.points == [(0.0, 12.0), (1.5, 9.5)]
     assert profile.is_linear
@@ -157,8 +151,7 @@ def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:
 def test_what_is_wrong_with_a_csv_file(tmp_path: Path, content: str | None, said: str) -> None:
     if content is not None:
         (tmp_path / "volts.csv").write_text(content)
-    path = tmp_path / "s.toml"
-    path.write_text('[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
+    path = text_file(tmp_path / "s.toml", '[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
     with pytest.raises(ConfigError) as caught:
         load_scenario(path)
     assert said in str(caught.value)

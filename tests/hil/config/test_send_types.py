@@ -42,6 +42,10 @@ def rig_with(folder: Path, command: int, sent: int = CYCLIC, more: str = "") -> 
     return folder / "r.toml"
 
 
+def notes_with(path: Path, word: str) -> list[str]:
+    return [each for each in notes_on_fit(load_rig(path), lh.load_vehicle("suv"), 1000.0) if word in each]
+
+
 @pytest.mark.parametrize(
     ("command", "more", "timeout_ms", "told"),
     [
@@ -58,7 +62,7 @@ def test_a_command_expires_where_it_is_cyclic(
     rig = load_rig(path)
     assert rig.timeout_ms("Cmd") == timeout_ms
     assert rig.input_config().messages.timeout_ns.tolist() == [round(1e6 * timeout_ms)]
-    said = [each for each in notes_on_fit(rig, lh.load_vehicle("suv"), 1000.0) if "falls silent" in each]
+    said = notes_with(path, "falls silent")
     assert len(said) == bool(told)
     assert all(f"{path}: messages.Cmd: by the database it is {told}, so its values hold" in each for each in said)
 
@@ -114,8 +118,7 @@ def test_a_counter_that_begins_above_0_is_drafted_and_noted_with_its_lowest_valu
         '# counter = "Alive"  # goes from 1 to 254, not from 0 to 255: counter = '
         '{ signal = "Alive", lowest = 1, highest = 254 }\n'
     ) in text
-    said = [each for each in notes_on_fit(load_rig(path), lh.load_vehicle("suv"), 1000.0) if "Alive" in each]
-    assert said == [
+    assert notes_with(path, "Alive") == [
         f"{path}: messages.Cmd.counter: Alive goes from 0 to 255, in the database from 1 to 254: is lowest = 1, "
         "highest = 254?"
     ]

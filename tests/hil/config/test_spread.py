@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomlkit
+from hil_support import text_file
 from scipy import stats
 
 from liftgate_hil import Gate, errors, load_vehicle
@@ -28,9 +29,7 @@ CARS = 800
 
 
 def vehicle_file(folder: Path, more: str, text: str = WITHOUT) -> Path:
-    path = folder / "vehicle.toml"
-    path.write_text(text + more, encoding="utf-8")
-    return path
+    return text_file(folder / "vehicle.toml", text + more)
 
 
 def cars(path: Path, count: int = CARS) -> list[Vehicle]:
@@ -250,8 +249,7 @@ def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
 def test_runs_differ_by_their_seed_and_simulate_has_what_the_loop_has(tmp_path: Path):
     text = WITHOUT.replace("[friction]", "[friction]\nrun_deviation = 0.1\neccentricity = 0.2")
     path = vehicle_file(tmp_path, "", text)
-    duties = tmp_path / "duties.csv"
-    duties.write_text("time_s,left_duty,right_duty\n0,0.6,0.6\n", encoding="utf-8")
+    duties = text_file(tmp_path / "duties.csv", "time_s,left_duty,right_duty\n0,0.6,0.6\n")
     ends = []
     for seed in (1, 2, 1):
         with Gate(vehicle=path, seed=seed, initial=10.0) as gate:

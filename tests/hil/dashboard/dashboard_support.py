@@ -19,9 +19,17 @@ from urllib.parse import parse_qs, urlsplit
 class Client:
     """Asks as a script does."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, child: subprocess.Popen[str] | None = None) -> None:
+        """`child` is the process that serves the page."""
+        self.address, self.child = address, child
         parts = urlsplit(address)
         self.host, self.token = parts.netloc, parse_qs(parts.query)["token"][0]
+
+    @property
+    def endpoint(self) -> tuple[str, int]:
+        """What a socket connects to."""
+        host, port = self.host.split(":")
+        return host, int(port)
 
     def ask(
         self, path: str, body: bytes | None = None, headers: dict[str, str] | None = None, token: str | None = None
@@ -94,3 +102,27 @@ def address_in(child: subprocess.Popen[str], is_error: bool = False) -> str:
         if line.startswith("http://"):
             return line.strip()
     raise AssertionError("".join(said) + (child.stderr.read() if child.stderr else ""))
+
+
+@contextlib.contextmanager
+def page_of(folder: Path, *arguments: str, listen: str = "127.0.0.1:0") -> Iterator[Any]:
+    """A `liftgate-hil dashboard`, as its client."""
+    with process("dashboard", *arguments, "--listen", listen, folder=folder) as child:
+        yield Client(address_in(child), child)
+
+
+def page_beside(run: subprocess.Popen[str], folder: Path, *arguments: str) -> Any:
+    """The same, attached to a run."""
+    return page_of(folder, "--attach", str(run.pid), "--patience", "60", *arguments)
+
+
+def bench(folder: Path, name: str, *arguments: str) -> Any:
+    """A run on a virtual bus of this name, as its process; a busy machine does not end it."""
+    return process("--bus", f"virtual:{name}", "--overrun-limit", "3600", *arguments, folder=folder)
+
+
+@contextlib.contextmanager
+def bench_with_page(folder: Path, name: str, *arguments: str, listen: str = "127.0.0.1:0") -> Iterator[Any]:
+    """A run that serves its own page, as the page's client."""
+    with bench(folder, name, "--dashboard", "--listen", listen, *arguments) as run:
+        yield Client(address_in(run, is_error=True), run)

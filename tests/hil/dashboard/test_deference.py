@@ -6,11 +6,10 @@ import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
-from dashboard_support import Client, address_in, process
+from dashboard_support import bench, page_beside, page_of
+from hil_support import wait_for
 
 from liftgate_hil.loop.loop_thread import LoopThread
 
@@ -44,13 +43,6 @@ print(json.dumps([allowed, found]))
 """
 
 
-def until(is_so: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while not is_so():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 def policy_of(pid: int) -> tuple[int, int]:
     """The policy and the nice value of a process's first thread."""
     return os.sched_getscheduler(pid), os.getpriority(os.PRIO_PROCESS, pid)
@@ -67,23 +59,20 @@ def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None
 
 
 def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
-    bench = ("--bus", "virtual:deference", "--overrun-limit", "3600")
-    with process(*bench, folder=tmp_path) as run:
-        until(lambda: LoopThread(run.pid).cpu() is not None)
-        arguments = ("dashboard", "--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process(*arguments, folder=tmp_path) as page:
-            address_in(page)
+    with bench(tmp_path, "deference") as run:
+        wait_for(lambda: LoopThread(run.pid).cpu() is not None)
+        with page_beside(run, tmp_path) as client:
+            page = client.child
             policy, nice = policy_of(page.pid)
             assert policy == os.SCHED_BATCH
             assert nice == min(19, policy_of(run.pid)[1] + 10)
             if len(os.sched_getaffinity(0)) > 1:
-                until(lambda: len(os.sched_getaffinity(page.pid)) == len(os.sched_getaffinity(0)) - 1)
+                wait_for(lambda: len(os.sched_getaffinity(page.pid)) == len(os.sched_getaffinity(0)) - 1)
 
 
 def test_a_run_that_a_page_starts_has_the_priority_of_any_run(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text("duration = 1e6", encoding="utf-8")
-    with process("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0", folder=tmp_path) as page:
-        client = Client(address_in(page))
+    with page_of(tmp_path, "--scenarios", ".") as client:
         assert client.ask("/api/run", b'{"scenario": "s.toml"}')[0] == 200
         run = client.ask("/api/about")[1]["pid"]
         policy, nice = policy_of(run)  # it may have requested FIFO scheduling, as any run does

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import orjson
 import pytest
+from hil_support import logged
 
-from liftgate_hil.codec.frames import LOGGED
 from liftgate_hil.dashboard.heard import BusView
 
 DBC = """VERSION ""
@@ -43,14 +43,8 @@ def view(tmp_path: Path) -> BusView:
 
 
 def frame(identifier: int, payload: bytes, time_ms: int = 0, is_sent: int = 0) -> np.void:
-    row = np.zeros(1, dtype=LOGGED)[0]
-    row["identifier"], row["length"], row["time_ns"], row["is_sent"] = (
-        identifier,
-        len(payload),
-        time_ms * 10**6,
-        is_sent,
-    )
-    row["payload"][: len(payload)] = np.frombuffer(payload, dtype=np.uint8)
+    (row,) = logged([(time_ms * 10**6, identifier, payload)])
+    row["is_sent"] = is_sent
     return row
 
 

@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 import random
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from asammdf import MDF
-from dashboard_support import Client, address_in, is_going, process, until
+from dashboard_support import Client, bench, is_going, page_of, until
 
 from liftgate_hil.formats.open import open_recording
 from tools.busy import busy_processes
 
 MOMENTS, NEAR_S = 10, 0.05
-BENCH = ("--bus", "virtual:moments", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
 
 
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[Client]:
     text = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
     (tmp_path / "s.toml").write_text(text, encoding="utf-8")
-    with process(*BENCH, folder=tmp_path) as run:
-        wait_for(run, "suv on ")
-        command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0")
-        with process(*command, folder=tmp_path) as page:
-            found = Client(address_in(page))
+    with bench(tmp_path, "moments", "--ecu", "reference", "--scenario", "s.toml") as run:
+        assert any("suv on " in line for line in run.stderr)
+        with page_of(tmp_path, "--attach", str(run.pid)) as found:
             until(found, is_going)
             yield found
-
-
-def wait_for(run: subprocess.Popen[str], text: str) -> None:
-    assert run.stderr is not None
-    assert any(text in line for line in run.stderr)
 
 
 def let_pass(client: Client, begin: float, seconds: float) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dashboard_support import Client, address_in, is_going, process, until
+from dashboard_support import Client, bench, bench_with_page, is_going, page_beside, page_of, process, until
+from hil_support import wait_for
 from json_paths import written
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -30,8 +31,6 @@ from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
 from liftgate_hil.operate.attachment.server import RunEnd, _in_full, _in_short
 
-BENCH = ("--bus", "virtual:page", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -44,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    with process(*BENCH, folder=folder) as child:
+    with bench(folder, "page", "--ecu", "reference", "--scenario", "s.toml") as child:
         assert child.stderr is not None
         for line in child.stderr:
             if "suv on " in line:
@@ -54,9 +53,7 @@ def run(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture(scope="module")
 def client(folder: Path, run: subprocess.Popen[str]) -> Iterator[Client]:
-    command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0")
-    with process(*command, folder=folder) as child:
-        found = Client(address_in(child))
+    with page_of(folder, "--attach", str(run.pid)) as found:
         until(found, is_going)
         yield found
 
@@ -176,8 +173,8 @@ def test_what_was_overwritten_before_the_page_has_attached_does_not_count(
 ) -> None:
     """The rings hold 4096 rows."""
     until(client, lambda state: state["loop"]["tick"] > 5000)
-    with process("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0", folder=folder) as child:
-        assert until(Client(address_in(child)), is_going)["bus"]["overwritten"] == 0
+    with page_of(folder, "--attach", str(run.pid)) as other:
+        assert until(other, is_going)["bus"]["overwritten"] == 0
 
 
 def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) -> None:
@@ -267,26 +264,24 @@ def test_the_page_is_whole_and_asks_nobody_else(client: Client) -> None:
         assert all("uPlot" in line for line in found), found  # the comment that says whose it is
 
 
+def deaf_to(client: Client) -> socket.socket:
+    """A viewer that reads nothing."""
+    wire = socket.socket()
+    wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    wire.connect(client.endpoint)
+    wire.sendall(upgrade(client))
+    return wire
+
+
 def test_one_who_reads_nothing_holds_up_nobody(client: Client) -> None:
-    host, port = client.host.split(":")
-    with socket.socket() as deaf:
-        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-        deaf.connect((host, int(port)))
-        deaf.sendall(
-            f"GET /api/stream?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\nUpgrade: websocket\r\n"
-            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-            "\r\n".encode()
-        )
-        with streamed(client) as other:
-            came = 0
-            while came < 500_000:  # more than the deaf one's connection holds
-                came += len(other.recv(timeout=30))
+    with deaf_to(client), streamed(client) as other:
+        came = 0
+        while came < 500_000:  # more than the deaf one's connection holds
+            came += len(other.recv(timeout=30))
 
 
 def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) -> None:
-    command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0", "--read-only")
-    with process(*command, folder=folder) as child:
-        client = Client(address_in(child))
+    with page_of(folder, "--attach", str(run.pid), "--read-only") as client:
         status, said = client.command(clear="all")
         assert (status, said["issues"]) == (403, ["this page is read-only; allowed without --read-only"])
         assert client.ask("/api/about")[1]["read_only"] is True
@@ -296,96 +291,65 @@ def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) ->
 def test_it_ends_in_order_with_a_viewer_there(
     folder: Path, run: subprocess.Popen[str], number: signal.Signals
 ) -> None:
-    with process("dashboard", "--listen", "127.0.0.1:0", folder=folder) as child:
-        client = Client(address_in(child))
+    with page_of(folder) as client:
         with streamed(client) as wire:
             wire.recv(timeout=30)
-            child.send_signal(number)
-            assert child.wait(30) == 0
+            client.child.send_signal(number)
+            assert client.child.wait(30) == 0
             with pytest.raises(ConnectionClosed):
                 list(wire_until_closed(wire))
-        assert child.stderr is not None
-        assert child.stderr.read() == ""
+        assert client.child.stderr.read() == ""
 
 
 def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
-    with process("--bus", "virtual:x", "--clock", "lockstep", folder=tmp_path) as bench:
-        assert bench.stderr is not None
-        bench.stderr.readline()
-        with process("dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as child:
-            client = Client(address_in(child))
+    with process("--bus", "virtual:x", "--clock", "lockstep", folder=tmp_path) as run:
+        assert run.stderr is not None
+        run.stderr.readline()
+        with page_of(tmp_path) as client:
             # Nobody commands: the run stands still.
             assert client.command(set={"road_slope_deg": 3})[0] == 202
-            bench.send_signal(signal.SIGINT)
-            assert bench.wait(30) == 0
+            run.send_signal(signal.SIGINT)
+            assert run.wait(30) == 0
             until(client, lambda state: state["phase"] == "ended")
             status, said = client.command(clear="all")
             assert status == 410
             assert "has ended" in said["issues"][0]
 
 
-@pytest.fixture
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of its own to work in, in which no run is to be found."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--attach", "1"), "--attach 1: no run of yours; allowed: the process of a run"),
-        ((), "no emulator of yours is running on this machine"),
-        (("--attach", "x"), "--attach: 'x'; allowed: a whole number from 1 to"),
-        (("--recording", "no.csv"), "no.csv"),
-        (("--recording", "no.csv", "--attach", "1"), "not allowed with"),
-        (("--rig", "liftgate"), "--rig liftgate: allowed with --recording"),
-        (("--recording", "s.csv", "--listen", "nonsense"), "--listen nonsense: allowed: HOST:PORT"),
-        (("--recording", "s.csv", "--listen", "127.0.0.1:99999"), "port 0 to 65535"),
-        (("--recording", "s.csv", "--listen", "192.0.2.1:0"), "--listen 192.0.2.1:0: "),
-        (("--recording", "s.csv", "--listen", "no.such.host.invalid:0"), "--listen no.such.host.invalid:0: "),
+        ("dashboard --attach 1", "--attach 1: no run of yours; allowed: the process of a run"),
+        ("dashboard", "no emulator of yours is running on this machine"),
+        ("dashboard --attach x", "--attach: 'x'; allowed: a whole number from 1 to"),
+        ("dashboard --recording no.csv", "no.csv"),
+        ("dashboard --recording no.csv --attach 1", "not allowed with"),
+        ("dashboard --rig liftgate", "--rig liftgate: allowed with --recording"),
+        ("dashboard --recording s.csv --listen nonsense", "--listen nonsense: allowed: HOST:PORT"),
+        ("dashboard --recording s.csv --listen 127.0.0.1:99999", "port 0 to 65535"),
+        ("dashboard --recording s.csv --listen 192.0.2.1:0", "--listen 192.0.2.1:0: "),
+        ("dashboard --recording s.csv --listen no.such.host.invalid:0", "--listen no.such.host.invalid:0: "),
+        ("dashboard --recording s.csv --listen 127.0.0.1:{port}", "--listen 127.0.0.1:{port}: Address already in"),
+        ("--bus virtual:own --dashboard --listen 127.0.0.1:{port}", "127.0.0.1:{port}: Address already in use"),
+        ("--bus virtual:own --dashboard --listen here", "--listen here: allowed: HOST:PORT"),
+        ("--bus virtual:own --dashboard --clock free --duration 1", "--dashboard: a run on the free clock ends"),
+        ("--bus virtual:own --listen 127.0.0.1:0", "--listen: allowed together with --dashboard"),
+        ("--bus virtual:own --read-only", "--read-only: allowed together with --dashboard"),
     ],
 )
-def test_wrong_usage_is_reported_in_one_line_with_exit_code_2(
-    in_folder: Path, arguments: tuple[str, ...], words: str, capfd: pytest.CaptureFixture[str]
+def test_wrong_usage_is_reported_in_one_line_with_exit_code_2_and_no_run_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: str, words: str
 ) -> None:
-    (in_folder / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
-    assert main(["dashboard", *arguments]) == 2
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # in which no run is to be found
+    (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(arguments.format(port=port).split()) == 2
     out, err = capfd.readouterr()
     assert out == ""
-    assert words in err
+    assert words.format(port=port) in err
     assert len(err.strip().splitlines()) == 1
-
-
-def test_a_port_that_is_taken_is_reported(in_folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (in_folder / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        listen = f"127.0.0.1:{taken.getsockname()[1]}"
-        assert main(["dashboard", "--recording", "s.csv", "--listen", listen]) == 2
-    assert f"--listen {listen}: Address already in use" in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--dashboard", "--listen", "127.0.0.1:{port}"), "--listen 127.0.0.1:{port}: Address already in use"),
-        (("--dashboard", "--listen", "here"), "--listen here: allowed: HOST:PORT"),
-        (("--dashboard", "--clock", "free", "--duration", "1"), "--dashboard: a run on the free clock ends"),
-        (("--listen", "127.0.0.1:0"), "--listen: allowed together with --dashboard"),
-        (("--read-only",), "--read-only: allowed together with --dashboard"),
-    ],
-)  # fmt: skip
-def test_a_run_whose_page_cannot_be_does_not_begin(
-    in_folder: Path, arguments: tuple[str, ...], words: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        given = [each.replace("{port}", port) for each in arguments]
-        assert main(["--bus", "virtual:own", *given]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert words.replace("{port}", port) in err
 
 
 @pytest.mark.parametrize(
@@ -416,21 +380,17 @@ def test_a_host_is_the_address_that_one_came_to_or_a_name_of_this_machine(
 
 
 def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
-    arguments = ("--bus", "virtual:own", "--overrun-limit", "3600", "--dashboard", "--listen", "127.0.0.1:0")
-    with process(*arguments, "--json", folder=tmp_path) as bench:
-        client = Client(address_in(bench, is_error=True))
+    with bench_with_page(tmp_path, "own", "--json") as client:
         until(client, is_going)
         assert client.command(set={"road_slope_deg": 3})[0] == 200
-        bench.send_signal(signal.SIGINT)
-        out, _ = bench.communicate(timeout=30)
-    assert bench.returncode == 0
+        client.child.send_signal(signal.SIGINT)
+        out, _ = client.child.communicate(timeout=30)
+    assert client.child.returncode == 0
     summary = json.loads(out)
     assert summary["commands"] == 1
-    assert summary["commanded"][0].endswith("operator: set road_slope_deg 3") or summary["commanded"][0].endswith(
-        "set road_slope_deg 3"
-    )
+    assert summary["commanded"][0].endswith("set road_slope_deg 3")
     with pytest.raises(OSError, match="refused"):
-        socket.create_connection(client.host.split(":"))
+        socket.create_connection(client.endpoint)
 
 
 def test_the_geometry_the_command_and_the_histograms_are_there(client: Client) -> None:
@@ -509,14 +469,12 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
 def test_the_last_step_of_a_slider_is_a_mark_although_the_run_ends(tmp_path: Path) -> None:
     from asammdf import MDF
 
-    bench = ("--bus", "virtual:slider", "--overrun-limit", "3600", "--record", "own.mf4")
-    with process(*bench, "--dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
-        client = Client(address_in(run, is_error=True))
+    with bench_with_page(tmp_path, "slider", "--record", "own.mf4") as client:
         until(client, is_going)
         for slope in (1.0, 2.0, 3.0):
             client.command(set={"road_slope_deg": slope})
-        run.send_signal(signal.SIGINT)
-        assert run.wait(60) == 0
+        client.child.send_signal(signal.SIGINT)
+        assert client.child.wait(60) == 0
     with MDF(tmp_path / "own.mf4") as measured:
         assert measured.events[-1].name == "command: set road_slope_deg 3"
 
@@ -526,13 +484,10 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
     """The run takes 5 s, in real time."""
     text = 'duration = 5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "never.toml").write_text(text, encoding="utf-8")
-    bench = ("--bus", "virtual:end", "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "never.toml")
-    arguments = (*bench, "--dashboard", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as run:
-        client = Client(address_in(run, is_error=True))
+    with bench_with_page(tmp_path, "end", "--ecu", "reference", "--scenario", "never.toml") as client:
         with streamed(client, open_timeout=60) as wire:
             states = [json.loads(each) for each in states_until_closed(wire)]
-        assert run.wait(60) == 0
+        assert client.child.wait(60) == 0
     assert [each["phase"] for each in states[-1:]] == ["ended"]
     end = states[-1]["end"]
     assert end["exit_code"] == 0
@@ -550,28 +505,24 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
 def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('[[request]]\ntime = 0.3\naction = "open"\n', encoding="utf-8")
     bus = f"udp_multicast:239.76.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
-    bench = ("--bus", bus, "--ecu", "reference", "--overrun-limit", "3600", "--scenario", "s.toml")
-    with process(*bench, "--dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as run:
-        client = Client(address_in(run, is_error=True))
+    ecu = ("--bus", bus, "--ecu", "reference", "--scenario", "s.toml")
+    with bench_with_page(tmp_path, "unused", *ecu) as client:
         until(client, lambda state: any(text.startswith("ecu ") for _, _, text in state["log"]))
 
 
 @pytest.mark.realtime
 def test_a_command_of_a_client_that_has_gone_is_not_executed(tmp_path: Path) -> None:
-    with process("--bus", "virtual:gone", "--overrun-limit", "3600", folder=tmp_path) as run:
-        arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process("dashboard", *arguments, folder=tmp_path) as page:
-            client = Client(address_in(page))
-            until(client, is_going)
-            page.send_signal(signal.SIGSTOP)
-            body = b'{"set": {"road_slope_deg": 7}}'
-            head = f"POST /api/command?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\n"
-            head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-            with socket.create_connection(client.host.split(":")) as wire:
-                wire.sendall(head.encode() + body)
-            page.send_signal(signal.SIGCONT)
-            assert client.command(mark="after it")[0] == 422  # nothing is recorded; it came later
-            assert client.ask("/api/state")[1]["in_force"]["set"] == {}
+    with bench(tmp_path, "gone") as run, page_beside(run, tmp_path) as client:
+        until(client, is_going)
+        client.child.send_signal(signal.SIGSTOP)
+        body = b'{"set": {"road_slope_deg": 7}}'
+        head = f"POST /api/command?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\n"
+        head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+        with socket.create_connection(client.endpoint) as wire:
+            wire.sendall(head.encode() + body)
+        client.child.send_signal(signal.SIGCONT)
+        assert client.command(mark="after it")[0] == 422  # nothing is recorded; it came later
+        assert client.ask("/api/state")[1]["in_force"]["set"] == {}
 
 
 def children_of(pid: int) -> list[int]:
@@ -590,75 +541,49 @@ def is_page(pid: int) -> bool:
 
 
 def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_again(tmp_path: Path) -> None:
-    bench = (
-        "--bus",
-        "virtual:alone",
-        "--overrun-limit",
-        "3600",
-        "--dashboard",
-        "--listen",
-        "127.0.0.1:0",
-        "--read-only",
-    )
-    with process(*bench, folder=tmp_path) as run:
-        client = Client(address_in(run, is_error=True))
+    with bench_with_page(tmp_path, "alone", "--read-only") as client:
+        run = client.child
         until(client, is_going)
         (page,) = (pid for pid in children_of(run.pid) if is_page(pid))
         os.kill(page, signal.SIGKILL)
-        assert run.stderr is not None
         said = next(line for line in run.stderr if "the page" in line)
         assert said == (
             "the page has ended (exit code -9), the run goes on; to have one again: "
             f"liftgate-hil dashboard --attach {run.pid} --listen {client.host} --read-only\n"
         )
-        with process(*f"dashboard --attach {run.pid} --listen 127.0.0.1:0".split(), folder=tmp_path) as again:
-            assert is_going(until(Client(address_in(again)), is_going))
+        with page_of(tmp_path, "--attach", str(run.pid)) as again:
+            assert is_going(until(again, is_going))
 
 
 def test_a_run_that_is_killed_ends_with_an_error(tmp_path: Path) -> None:
-    with (
-        process("--bus", "virtual:killed", "--overrun-limit", "3600", folder=tmp_path) as bench,
-        process(
-            "dashboard", "--attach", str(bench.pid), "--patience", "60", "--listen", "127.0.0.1:0", folder=tmp_path
-        ) as child,
-    ):
-        client = Client(address_in(child))
+    with bench(tmp_path, "killed") as run, page_beside(run, tmp_path) as client:
         until(client, is_going)
-        bench.kill()
-        bench.wait(30)
+        run.kill()
+        run.wait(30)
         end = until(client, lambda state: state["phase"] == "ended")["end"]
     assert (end["verdict"], end["exit_code"]) == ("error", None)
     assert "without reporting a result" in end["reason"]
 
 
 def test_the_next_run_on_the_bus_is_shown(tmp_path: Path) -> None:
-    bench = ("--bus", "virtual:again", "--overrun-limit", "3600")
-    with process(*bench, folder=tmp_path) as first:
-        arguments = ("dashboard", "--attach", str(first.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-        with process(*arguments, folder=tmp_path) as child:
-            client = Client(address_in(child))
+    with bench(tmp_path, "again") as first, page_beside(first, tmp_path) as client:
+        until(client, is_going)
+        assert client.ask("/api/about")[1]["number"] == 1
+        first.send_signal(signal.SIGINT)
+        first.wait(30)
+        until(client, lambda state: state["phase"] == "ended")
+        with bench(tmp_path, "other"), bench(tmp_path, "again") as second:
             until(client, is_going)
-            assert client.ask("/api/about")[1]["number"] == 1
-            first.send_signal(signal.SIGINT)
-            first.wait(30)
-            until(client, lambda state: state["phase"] == "ended")
-            with (
-                process("--bus", "virtual:other", "--overrun-limit", "3600", folder=tmp_path),
-                process(*bench, folder=tmp_path) as second,
-            ):
-                until(client, is_going)
-                about = client.ask("/api/about")[1]
-                assert (about["pid"], about["channel"], about["number"]) == (second.pid, "again", 2)
-                assert client.command(set={"road_slope_deg": 3})[0] == 200
+            about = client.ask("/api/about")[1]
+            assert (about["pid"], about["channel"], about["number"]) == (second.pid, "again", 2)
+            assert client.command(set={"road_slope_deg": 3})[0] == 200
 
 
 def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
     (tmp_path / "opens.toml").write_text('[[request]]\ntime = 0.1\naction = "open"\n', encoding="utf-8")
     (tmp_path / "wrong.toml").write_text("nonsense = 1\n", encoding="utf-8")
     Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.toml")).write_text("")
-    arguments = ("dashboard", "--scenarios", ".", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        client = Client(address_in(child))
+    with page_of(tmp_path, "--scenarios", ".") as client:
 
         def post(name: str | None) -> tuple[int, Any]:
             return client.ask("/api/run", json.dumps({"scenario": name}).encode())
@@ -688,32 +613,20 @@ def test_only_a_page_with_a_folder_starts_runs(client: Client) -> None:
 
 
 def test_connections_that_stand_still_are_dropped(client: Client) -> None:
-    """One that says nothing, one that begins to, and a WebSocket that reads nothing and answers no ping. Viewers
-    that take nothing from their socket's buffer: it fills up, and nothing is sent to them any more.
-    """
-    host, port = client.host.split(":")
-    deaf = [socket.socket() for _ in range(5)]
-    for wire in deaf:
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        wire.connect((host, int(port)))
-        wire.sendall(upgrade(client))
+    """One that says nothing, one that begins to, a WebSocket without pings, and viewers that read nothing."""
+    deaf = [deaf_to(client) for _ in range(5)]
+    port = client.endpoint[1]
     theirs = {wire.getsockname()[1] for wire in deaf}
-    assert served(int(port)) & theirs == theirs
-    wires = []
-    for said in (b"", b"GET /api/state HTT", upgrade(client)):
-        wire = socket.create_connection((host, int(port)))
+    assert served(port) & theirs == theirs
+    wires = [socket.create_connection(client.endpoint) for _ in range(3)]
+    for wire, said in zip(wires, (b"", b"GET /api/state HTT", upgrade(client)), strict=True):
         wire.sendall(said)
-        wires.append(wire)
     for wire in wires:
         wire.settimeout(60)
         while wire.recv(1 << 20):  # raises TimeoutError where it stays open
             pass
-        wire.close()
-    deadline = time.monotonic() + 120
-    while left := served(int(port)) & theirs:
-        assert time.monotonic() < deadline, left
-        time.sleep(0.2)
-    for wire in deaf:
+    wait_for(lambda: not served(port) & theirs, "a deaf one is served still")
+    for wire in (*deaf, *wires):
         wire.close()
 
 
@@ -725,36 +638,26 @@ def request(client: Client, token: str) -> bytes:
 def test_connections_without_the_token_keep_nobody_out_however_many(
     folder: Path, run: subprocess.Popen[str]
 ) -> None:
-    """Nobody needs a token to connect: of too many the oldest is dropped on which no request with it has come. The
-    page's terminal stays silent about it.
-    """
-    arguments = ("--attach", str(run.pid), "--patience", "60", "--listen", "127.0.0.1:0")
-    with process("dashboard", *arguments, folder=folder) as child:
-        client = Client(address_in(child))
+    """Of too many the oldest is dropped on which no request with it has come, without a word on the terminal."""
+    with page_beside(run, folder) as client:
         until(client, is_going)
-        host, port = client.host.split(":")
         with streamed(client) as viewer:
-            wires = [socket.create_connection((host, int(port)), timeout=30) for _ in range(260)]
-            with socket.create_connection((host, int(port)), timeout=30) as newest:
+            wires = [socket.create_connection(client.endpoint, timeout=30) for _ in range(260)]
+            with socket.create_connection(client.endpoint, timeout=30) as newest:
                 newest.sendall(request(client, client.token))
                 assert newest.recv(65_536).startswith(b"HTTP/1.1 200 OK")
             viewer.recv(timeout=30)
-        deadline = time.monotonic() + 30
-        while len(served(int(port))) > 220:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(lambda: len(served(client.endpoint[1])) <= 220)
         for wire in wires:
             wire.close()
         until(client, is_going)
-        child.send_signal(signal.SIGINT)
-        assert child.wait(30) == 0
-        assert child.stderr is not None
-        assert child.stderr.read() == ""
+        client.child.send_signal(signal.SIGINT)
+        assert client.child.wait(30) == 0
+        assert client.child.stderr.read() == ""
 
 
 def test_a_request_without_the_token_ends_its_connection(client: Client) -> None:
-    host, port = client.host.split(":")
-    with socket.create_connection((host, int(port)), timeout=30) as wire:
+    with socket.create_connection(client.endpoint, timeout=30) as wire:
         wire.sendall(request(client, "wrong") * 2)
         come = b""
         while part := wire.recv(65_536):
@@ -772,9 +675,7 @@ def served(port: int) -> set[int]:
 def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     result = lh.run("demo", duration=3.0, record=path, trace=True)
-    arguments = ("dashboard", "--recording", "run.csv", "--listen", "127.0.0.1:0")
-    with process(*arguments, folder=tmp_path) as child:
-        client = Client(address_in(child))
+    with page_of(tmp_path, "--recording", "run.csv") as client:
         about, plot = client.ask("/api/about")[1], client.ask("/api/plot")[1]
         assert about["kind"] == "recording"
         assert about["units"]["gate_angle_deg"] == "deg"

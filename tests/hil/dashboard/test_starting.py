@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from hil_support import wait_for
 from json_paths import written
 
 from liftgate_hil.dashboard.page_state import Startable
@@ -39,10 +40,7 @@ def starts(starter: Starter, said: list[str]) -> threading.Thread:
 
     thread = threading.Thread(target=start)
     thread.start()
-    deadline = time.monotonic() + 30
-    while starter.running is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    wait_for(lambda: starter.running is not None)
     return thread
 
 

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from hil_support import logged
 
 from liftgate_hil.codec.frames import LOGGED
 from liftgate_hil.diagnostics import services
@@ -39,13 +40,7 @@ def test_what_is_no_code_is_reported(text: str) -> None:
 
 def frames_of_answers(*answers: str, identifier: int = RESPONSE) -> np.ndarray:
     """Frames, a millisecond apart."""
-    rows = np.zeros(len(answers), dtype=LOGGED)
-    for place, answer in enumerate(answers):
-        payload = bytes.fromhex(answer)
-        rows[place]["time_ns"], rows[place]["identifier"] = place * 1_000_000, identifier
-        rows[place]["length"] = len(payload)
-        rows[place]["payload"][: len(payload)] = list(payload)
-    return rows
+    return logged([(k * 1_000_000, identifier, bytes.fromhex(answer)) for k, answer in enumerate(answers)])
 
 
 def answers(*codes: str, mask: int = 0x09) -> Answers:
@@ -78,7 +73,7 @@ def test_the_mask_says_what_counts_as_reported() -> None:
 
 def test_other_services_and_refusals_are_no_answers() -> None:
     own = answers("B1A01")
-    others = (
+    others = [
         "0154",
         "037F1978",
         "037F3E11",
@@ -87,7 +82,7 @@ def test_other_services_and_refusals_are_no_answers() -> None:
         "0259",
         "0859027F9A016209",
         "0362F190",
-    )
+    ]
     assert own.marks(frames_of_answers(*others)).tolist() == [NO_ANSWER] * len(others)
     assert own.refused == "ReadDTCInformation: ServiceNotSupported (0x11)"
     assert answer_of(bytes.fromhex("59027F9A0162")) is None  # a code without its status

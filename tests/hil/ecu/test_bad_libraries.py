@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from c_library import build, needs_compiler
+from c_library import build, needs_compiler, source_of
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
@@ -35,31 +35,10 @@ pytestmark = needs_compiler
 
 SCENARIO = Scenario(NO_STIMULI, (Request(Instant(0.02), "open"),), 0.1)
 AT = "now_ns == 50000000"
-SOURCE = """
-#include "liftgate_ecu.h"
-#include <fcntl.h>
-#include <signal.h>
-#include <stdlib.h>
-#include <string.h>
-#include <unistd.h>
-static int state;
-volatile int *volatile nowhere;
-void *liftgate_ecu_create(void) {{ {create} return &state; }}
-void liftgate_ecu_destroy(void *ecu) {{ (void)ecu; {destroy} }}
-void liftgate_ecu_request(void *ecu, int action) {{ (void)ecu; (void)action; {request} }}
-int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
-                      struct liftgate_frame *out, int capacity)
-{{
-    (void)ecu, (void)now_ns, (void)in, (void)count, (void)out, (void)capacity;
-    {step}
-    return 0;
-}}
-"""
 
 
 def library(folder: Path, **bodies: str) -> Path:
-    parts = ("create", "destroy", "request", "step")
-    return build(folder, SOURCE.format(**{part: bodies.get(part, "") for part in parts}))
+    return build(folder, source_of(**bodies))
 
 
 def run_here(scenario: Scenario, path: Path, clock: str = "free") -> lh.Result:
@@ -140,8 +119,7 @@ def test_what_it_may_do_is_no_error(tmp_path: Path, step: str) -> None:
 
 
 def test_without_requests_it_gets_none(tmp_path: Path) -> None:
-    source = SOURCE.format(create="", destroy="", request="", step="")
-    source = re.sub(r"void liftgate_ecu_request.*", "", source)
+    source = re.sub(r"void liftgate_ecu_request.*", "", source_of())
     path = build(tmp_path, source)
     assert run_here(SCENARIO, path).verdict == "pass"
 
@@ -198,8 +176,7 @@ def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path)
 def test_a_library_without_a_function_is_a_mistake_of_the_caller(
     tmp_path: Path, missing: str, run: Callable[..., lh.Result]
 ) -> None:
-    source = SOURCE.format(create="", destroy="", request="", step="")
-    path = build(tmp_path, source.replace(f"liftgate_ecu_{missing}(", f"another_{missing}("))
+    path = build(tmp_path, source_of().replace(f"liftgate_ecu_{missing}(", f"another_{missing}("))
     with pytest.raises(ConfigError, match=f"ecu.*{missing}.*functions of liftgate_ecu.h"):
         run(SCENARIO, path)
 

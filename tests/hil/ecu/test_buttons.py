@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hil_support import shipped_rig
+from hil_support import shipped_rig, text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import Frames
@@ -58,8 +58,9 @@ def test_what_is_not_sound_is_not_obeyed(wrong: dict[str, Any]) -> None:
 
 
 def test_the_button_on_the_bus_opens_the_gate(tmp_path: Any) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f'duration = 1.5\n[[signal]]\nsignal = "{NAME}"\ntime = 0.3\nvalue = "open"\n')
+    path = text_file(
+        tmp_path / "s.toml", f'duration = 1.5\n[[signal]]\nsignal = "{NAME}"\ntime = 0.3\nvalue = "open"\n'
+    )
     result = lh.run(path)
     assert [each.text for each in result.events] == ["opening"]
     assert result.maxima["gate_angle_deg"] > 0.1

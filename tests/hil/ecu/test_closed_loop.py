@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
@@ -31,23 +32,14 @@ class Run:
 
     def __init__(
         self,
-        vehicle_name: str,
+        vehicle: str,
         requests: Sequence[tuple[float, str]],
         seconds: float,
         stimuli: TimedStimuli = NO_STIMULI,
-        settings: Sequence[str] = (),
-        rig_name: str = "liftgate",
         **more: Any,
     ) -> None:
         asked = tuple(Request(Instant(time), action) for time, action in requests)
-        self.result = lh.run(
-            Scenario(stimuli, asked, seconds),
-            vehicle=vehicle_name,
-            rig=rig_name,
-            settings=settings,
-            trace=True,
-            **more,
-        )
+        self.result = lh.run(Scenario(stimuli, asked, seconds), vehicle=vehicle, trace=True, **more)
         assert self.result.verdict == "pass", self.result.reason
 
     def column(self, name: str) -> np.ndarray:
@@ -132,10 +124,9 @@ def test_soft_stop_meets_the_learned_end_slowly() -> None:
 
 def test_a_rig_without_latch_signals_opens_and_latches_too(tmp_path: Path) -> None:
     shipped = find_config("rigs", "liftgate").read_text()
-    rig = tmp_path / "no-latch.toml"
     lines = [line for line in shipped.splitlines() if not line.startswith("latch_")]
-    rig.write_text("\n".join(lines))
-    run = Run("suv", [(0.5, "open"), (12.0, "close")], 26.0, rig_name=str(rig))
+    rig = text_file(tmp_path / "no-latch.toml", "\n".join(lines))
+    run = Run("suv", [(0.5, "open"), (12.0, "close")], 26.0, rig=str(rig))
     assert run.texts() == ["opening", "open", "closing", "closed and latched"]
     assert run.column("latched")[-1] == 1.0
 
@@ -158,8 +149,9 @@ def test_speeds_that_come_a_cycle_after_the_currents_now_and_then_are_no_load(
     )
     requests = {0.5: "open", 8.0: "close", 11.0: "stop", 12.0: "open", 16.0: "close"}
     asked = "".join(f'[[request]]\ntime = {at}\naction = "{what}"\n' for at, what in requests.items())
-    scenario = tmp_path / "late_speeds.toml"
-    scenario.write_text(f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}')
+    scenario = text_file(
+        tmp_path / "late_speeds.toml", f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}'
+    )
     told = [each.text.split(" (")[0] for each in lh.run(scenario, clock="free").events]
     closing = ["closing", "stopped by the driver", "opening", "open", "closing", "closed and latched"]
     assert told == ["opening", "open", *closing]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.receive import NO_COUNTS
@@ -17,9 +18,9 @@ def rig_of_cycle(folder: Path, cycle_ms: float) -> Path:
     shipped = find_config("rigs", "liftgate").read_text()
     head = "[messages.DriveCommand]\n"
     assert head in shipped
-    path = folder / f"cycle-{cycle_ms:g}.toml"
-    path.write_text(shipped.replace(head, f"{head}cycle_ms = {cycle_ms:g}\n"))
-    return path
+    return text_file(
+        folder / f"cycle-{cycle_ms:g}.toml", shipped.replace(head, f"{head}cycle_ms = {cycle_ms:g}\n")
+    )
 
 
 def demo(rig: Path) -> lh.Result:

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 import liftgate_hil.ecu
 
@@ -47,8 +48,7 @@ def compile_source(compiler: str, dialect: str, source: Path, *options: str) -> 
 
 @pytest.mark.parametrize(("compiler", "dialect"), DIALECTS)
 def test_the_header_needs_nothing_before_it(tmp_path: Path, compiler: str, dialect: str) -> None:
-    source = tmp_path / ("alone.c" if compiler == "cc" else "alone.cpp")
-    source.write_text('#include "liftgate_ecu.h"\n')
+    source = text_file(tmp_path / ("alone.c" if compiler == "cc" else "alone.cpp"), '#include "liftgate_ecu.h"\n')
     compile_source(compiler, dialect, source, "-fsyntax-only")
 
 
@@ -58,8 +58,10 @@ def test_a_library_that_includes_it_exports_c_names_and_no_others(
 ) -> None:
     if shutil.which("nm") is None:
         pytest.skip("no nm")
-    source = tmp_path / ("library.c" if compiler == "cc" else "library.cpp")
-    source.write_text(LIBRARY + "int helper(void);\nint helper(void) { return state; }\n")
+    source = text_file(
+        tmp_path / ("library.c" if compiler == "cc" else "library.cpp"),
+        LIBRARY + "int helper(void);\nint helper(void) { return state; }\n",
+    )
     target = tmp_path / "library.so"
     options = ("-shared", "-fPIC", "-fvisibility=hidden", "-o", str(target))
     compile_source(compiler, dialect, source, *options)

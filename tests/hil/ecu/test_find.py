@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hil_support import issues_of
 
 from liftgate_hil.ecu.find import adapter_for, check_ecu
 from liftgate_hil.errors import ConfigError, printable
@@ -68,13 +69,9 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     ):
         Path(each).parent.mkdir(exist_ok=True)
         Path(each).touch()
-    with pytest.raises(ConfigError) as failure:
-        check_ecu(name)
-    (issue,) = failure.value.issues
+    (issue,) = issues_of(check_ecu, name)
     assert issue.startswith(f"`ecu` {printable(name)}: {told}")
-    with pytest.raises(ConfigError) as failure:  # before anything runs
-        plan_of(Job(RunRequest("anti_trap", name)))
-    assert failure.value.issues == [issue]
+    assert issues_of(plan_of, Job(RunRequest("anti_trap", name))) == [issue]  # before anything runs
 
 
 def test_a_class_that_its_module_lacks_is_told_with_those_that_it_has(
@@ -103,8 +100,6 @@ def test_messages_name_a_class_as_it_was_given_however_its_object_shows_itself(
 ) -> None:
     (tmp_path / "named_ecu.py").write_text("class Ecu:\n    def __repr__(self):\n        return 'step'\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(ConfigError) as caught:
-        adapter_for("named_ecu:Ecu", rig_from("liftgate"), 2)
-    assert caught.value.issues == [
+    assert issues_of(adapter_for, "named_ecu:Ecu", rig_from("liftgate"), 2) == [
         "`ecu` named_ecu:Ecu: no step(); allowed: an object with step(now_s, frames) -> frames"
     ]

@@ -281,10 +281,11 @@ def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedb
 
 
 class Controller:
-    """An ECU of one drive by itself."""
+    """An ECU of one drive by itself, that finds the gate at a count."""
 
-    def __init__(self) -> None:
+    def __init__(self, count: float = 1500.0, latched: bool = False) -> None:
         self.memory: EcuMemory = new_memory(1)
+        self.update(0.0, feedback(count, latched))
 
     def request(self, action: int) -> None:
         self.memory.control[0].request = action
@@ -302,7 +303,7 @@ class Controller:
 
 
 def test_nothing_is_driven_before_a_request() -> None:
-    controller = Controller()
+    controller = Controller(0.0, latched=True)
     command = controller.update(1.0, feedback(0.0, latched=True))
     assert controller.state == memory.CLOSED
     assert np.isnan(command.left_duty)
@@ -311,8 +312,7 @@ def test_nothing_is_driven_before_a_request() -> None:
 
 
 def test_the_latch_is_released_only_while_it_holds() -> None:
-    controller = Controller()
-    controller.update(0.0, feedback(0.0, latched=True))
+    controller = Controller(0.0, latched=True)
     controller.request(memory.REQUEST_OPEN)
     # A request is obeyed from the next cycle on.
     assert not controller.update(0.01, feedback(0.0, latched=True)).latch_release
@@ -322,7 +322,6 @@ def test_the_latch_is_released_only_while_it_holds() -> None:
 
 def test_the_driver_s_stop_brakes_in_the_same_cycle() -> None:
     controller = Controller()
-    controller.update(0.0, feedback(1500.0))
     controller.request(memory.REQUEST_CLOSE)
     controller.update(0.01, feedback(1500.0))
     assert controller.update(0.02, feedback(1500.0)).left_duty < 0.0
@@ -332,7 +331,6 @@ def test_the_driver_s_stop_brakes_in_the_same_cycle() -> None:
 
 def test_a_gate_found_open_is_stopped_and_can_be_closed() -> None:
     controller = Controller()
-    controller.update(0.0, feedback(1500.0))
     assert controller.state == memory.STOPPED
     controller.request(memory.REQUEST_CLOSE)
     controller.update(0.01, feedback(1500.0))
@@ -351,7 +349,6 @@ def test_it_slows_down_before_its_ends() -> None:
 
 def test_a_blocked_closing_gate_reverses() -> None:
     controller = Controller()
-    controller.update(0.0, feedback(1500.0))
     controller.request(memory.REQUEST_CLOSE)
     for cycle in range(1, 200):
         controller.update(0.01 * cycle, feedback(1500.0, current=-1.0))
@@ -359,8 +356,7 @@ def test_a_blocked_closing_gate_reverses() -> None:
 
 
 def test_requests_that_change_nothing_are_ignored() -> None:
-    controller = Controller()
-    controller.update(0.0, feedback(0.0, latched=True))
+    controller = Controller(0.0, latched=True)
     for action in (memory.REQUEST_CLOSE, memory.STOP):
         controller.request(action)
         controller.update(0.01, feedback(0.0, latched=True))
@@ -370,7 +366,6 @@ def test_requests_that_change_nothing_are_ignored() -> None:
 
 def test_the_last_events_are_kept_however_many_there_were() -> None:
     controller = Controller()
-    controller.update(0.0, feedback(1500.0))
     for n in range(100):
         controller.request(memory.REQUEST_OPEN if n % 2 else memory.STOP)
         controller.update(0.01 * (n + 1), feedback(1500.0))

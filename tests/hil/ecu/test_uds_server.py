@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_support import frames_of, rows_of, shipped_rig
+from hil_support import Wire, frames_of, rows_of, shipped_rig
 from udsoncan.client import Client
 from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import NegativeResponseException
 
-from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN, hear, message_in, new_link, put_message, speak
 from liftgate_hil.diagnostics.trouble_code import number_of, text_of
@@ -206,21 +206,6 @@ def test_a_hard_reset_is_answered_and_keeps_the_codes() -> None:
     asked = Ecu()
     assert asked.said("1101") == "5101"
     assert asked.state.head.is_resetting[0] == 1
-
-
-class Wire:
-    """A bus of lists."""
-
-    def __init__(self) -> None:
-        self.inbox: list[tuple[int, bytes]] = []
-        self.sent: list[tuple[int, bytes]] = []
-
-    def receive(self) -> Frames:
-        rows, self.inbox = self.inbox, []
-        return frames_of(rows)
-
-    def send(self, frames: Frames) -> None:
-        self.sent += rows_of(frames)
 
 
 def test_a_reset_that_a_tester_asks_for_makes_the_ecu_anew(rig: Rig) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.plan.job import Job
@@ -55,33 +56,31 @@ def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fau
 
 
 def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
+    path = text_file(tmp_path / "s.toml", f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
     (case,) = suite.cases_of([path], Job(RunRequest()))
     assert FAULTS[0][1] is not None
     assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]
 
 
-def test_a_fault_behind_the_end_is_not_among_those_that_were_too_short(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = 5.0\n')
-    assert lh.run(path).notes == ("fault supply_open at 5 s is never made: the run ends at 2 s",)
-
-
-def test_what_would_begin_after_the_end_is_told_where_a_condition_starts_it(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    at = 'start = "time_s >= 1"\ndelay_s = '
-    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\n{at}5\n[[fault]]\nkind = "supply_open"\n{at}0.5\n')
-    assert lh.run(path).notes == (
-        "fault supply_open, 5 s after time_s >= 1, is never made: at 6 s, where the run ends at 2 s",
-    )
-
-
-def test_what_would_begin_exactly_at_the_end_is_never_made(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f'{HEAD}[[fault]]\nkind = "supply_open"\nstart = "time_s >= 1"\ndelay_s = 1\n')
-    (note,) = lh.run(path).notes
-    assert note == "fault supply_open, 1 s after time_s >= 1, is never made: at 2 s, where the run ends at 2 s"
+@pytest.mark.parametrize(
+    ("faults", "notes"),
+    [
+        (["start = 5.0"], ["fault supply_open at 5 s is never made: the run ends at 2 s"]),  # nor was it too short
+        (
+            ['start = "time_s >= 1"\ndelay_s = 5', 'start = "time_s >= 1"\ndelay_s = 0.5'],
+            ["fault supply_open, 5 s after time_s >= 1, is never made: at 6 s, where the run ends at 2 s"],
+        ),
+        (
+            ['start = "time_s >= 1"\ndelay_s = 1'],
+            ["fault supply_open, 1 s after time_s >= 1, is never made: at 2 s, where the run ends at 2 s"],
+        ),
+    ],
+)
+def test_what_would_begin_at_the_end_or_behind_it_is_never_made(
+    tmp_path: Path, faults: list[str], notes: list[str]
+) -> None:
+    text = "".join(f'[[fault]]\nkind = "supply_open"\n{fault}\n' for fault in faults)
+    assert list(lh.run(text_file(tmp_path / "s.toml", HEAD + text)).notes) == notes
 
 
 def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) -> None:
@@ -100,3 +99,42 @@ def test_a_result_and_its_report_say_when_a_condition_came_true(tmp_path: Path) 
     came = [each.rpartition(" (the condition ")[2] for each in told[-2:]]
     assert came == ["came true at 1.000 s)", "had not come true when the run ended, at 2.001 s)"]
     assert outcome.to_dict()["condition_times"] == {"time_s >= 1": 1.0}
+
+
+BEHIND = """duration = 3.0
+[[request]]
+time = 5
+action = "close"
+[[request]]
+time = 1
+action = "open"
+[[request]]
+time = "gate_angle_deg > 200"
+action = "stop"
+[[obstacle]]
+start = 50
+angle_deg = 35
+stiffness = 10000
+[[fault]]
+kind = "spring_lost"
+where = "left"
+start = 3.0
+[[profile]]
+quantity = "supply_voltage_v"
+points = [[0, 12], [1, 13], [40, 13], [41, 9]]
+[[expect]]
+name = "stays"
+always = "gate_angle_deg < 200"
+"""
+
+
+def test_a_stimulus_that_is_never_made_is_noted(tmp_path: Path) -> None:
+    path = text_file(tmp_path / "s.toml", BEHIND)
+    notes = [each for each in lh.run(path).notes if "never made" in each]
+    assert notes == [
+        "request close at 5 s is never made: the run ends at 3 s",
+        "an obstacle at 50 s is never made: the run ends at 3 s",
+        "fault spring_lost at 3 s is never made: the run ends at 3 s",
+        "change of supply_voltage_v at 40 s is never made: the run ends at 3 s",
+    ]
+    assert not [each for each in lh.run(path, duration=60.0).notes if "never made" in each]

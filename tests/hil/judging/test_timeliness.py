@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import no_logged
@@ -17,6 +18,7 @@ from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
 TOLERANCE = 0.005  # s
+FORCE = COLUMN_PLACE["pinch_force_n"]
 
 
 def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
@@ -32,13 +34,24 @@ def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
     return rows
 
 
-def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
+def judge_of(end: float = 3.0, **window: Any) -> Judge:
     own = {"kind": "always", "condition": "pinch_force_n < 100", "after": 1.0, "within": 1.0} | window
     expectation = Expectation(name="soft", hold=0.0, key="expect[0]", **own)
-    judge = Judge(expected_of([expectation], {}, {}, 2, "s.toml"), 1000.0, 3.0, TOLERANCE)
+    return Judge(expected_of([expectation], {}, {}, 2, "s.toml"), 1000.0, end, TOLERANCE)
+
+
+def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
+    judge = judge_of(**window)
     for first in range(0, len(rows), block):
         judge.take(rows[first : first + block], no_logged())
     return judge.verdicts()[0]
+
+
+def pressing(rows: np.ndarray) -> np.ndarray:
+    """Rows in which the force rises by 1 N a tick up to 99 N at 1.5 s."""
+    rows[1400:1500, FORCE] = np.linspace(0.0, 99.0, 100)
+    rows[1500:, FORCE] = 99.0
+    return rows
 
 
 @pytest.mark.parametrize("block", [1, 7, 1000, 3000])
@@ -114,11 +127,7 @@ def test_ticks_may_be_missed_for_as_long_as_is_tolerated() -> None:
 
 
 def test_a_missed_tick_means_a_force_as_a_frame_that_waits_does() -> None:
-    rows = rows_of(ticks_missed={1450: 3})
-    force = COLUMN_PLACE["pinch_force_n"]
-    rows[1400:1500, force] = np.linspace(0.0, 99.0, 100)
-    rows[1500:, force] = 99.0
-    found = verdict(rows)
+    found = verdict(pressing(rows_of(ticks_missed={1450: 3})))
     assert (found.verdict, found.uncertainty) == ("inconclusive", pytest.approx(3.0))
 
 
@@ -133,15 +142,12 @@ def test_a_failure_of_a_late_bench_is_none_and_one_before_it_was_late_is_one() -
 
 
 def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided() -> None:
-    rows = rows_of(command_delay_s={1400: 0.002})
-    force = COLUMN_PLACE["pinch_force_n"]
-    rows[1400:1500, force] = np.linspace(0.0, 99.0, 100)  # 1 N a tick
-    rows[1500:, force] = 99.0
+    rows = pressing(rows_of(command_delay_s={1400: 0.002}))
     found = verdict(rows)
     assert found.verdict == "inconclusive"
     assert found.uncertainty == pytest.approx(2.0)  # 2 ms at 1000 N/s
     assert found.reason == "the frames' delay means 2 N, the margin is 1 N"
-    rows[:, force] *= 0.9
+    rows[:, FORCE] *= 0.9
     found = verdict(rows)
     assert found.verdict == "pass"
     assert found.margin == pytest.approx(100 - 0.9 * 99)
@@ -165,9 +171,7 @@ def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided()
 def test_after_a_long_lateness_what_is_not_decided_has_no_verdict_any_more(
     columns: dict[str, Any], window: dict[str, Any], spoilt: str
 ) -> None:
-    own = {"kind": "always", "condition": "pinch_force_n < 100", "after": 1.0, "within": 1.0} | window
-    expected = expected_of([Expectation(name="soft", hold=0.0, key="expect[0]", **own)], {}, {}, 2, "s.toml")
-    judge = Judge(expected, 1000.0, 4.0, TOLERANCE)
+    judge = judge_of(4.0, **window)
     judge.take(rows_of(**columns), no_logged())
     assert judge.spoilt() == spoilt
     if spoilt:
@@ -218,8 +222,7 @@ action = "open"
 
 
 def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(SCENARIO)
+    path = text_file(tmp_path / "s.toml", SCENARIO)
     assert lh.run(path).verdict == "pass"
     assert lh.run(path, ecu=Late()).verdict == "fail"
     late = '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\ndelay_s = 2.0\n'
@@ -228,8 +231,7 @@ def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
-    path, table = tmp_path / "s.toml", tmp_path / "run.csv"
-    path.write_text(SCENARIO)
+    path, table = text_file(tmp_path / "s.toml", SCENARIO), tmp_path / "run.csv"
     lh.run(path, record=table)
     assert lh.judge([table], path)["moves"].verdict == "pass"
     lines = table.read_text().splitlines()

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_support import shipped_rig
+from hil_support import logged, shipped_rig
 
-from liftgate_hil.codec.frames import LOGGED, no_logged
+from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
@@ -114,13 +114,13 @@ def test_a_window_that_never_opens_shows_all_of_the_run() -> None:
 def test_signals_on_the_bus_are_as_the_judge_saw_them() -> None:
     """Gate.Angle, 0.01 deg a bit: none at first, then two frames."""
     message = shipped_rig().messages["Gate"]
-    frames = np.zeros(2, dtype=LOGGED)
-    for frame, (time, angle) in zip(frames, [(0.1, 12.5), (0.7, -3.0)], strict=True):
-        values = {each.name: 0.0 for each in message.signals} | {"Angle": angle}
-        data = message.encode(values, strict=False)
-        frame["time_ns"], frame["identifier"] = round(time * 1e9), message.frame_id
-        frame["length"] = len(data)
-        frame["payload"][: len(data)] = list(data)
+    zeros = {each.name: 0.0 for each in message.signals}
+    frames = logged(
+        [
+            (round(time * 1e9), message.frame_id, message.encode({**zeros, "Angle": angle}, strict=False))
+            for time, angle in ((0.1, 12.5), (0.7, -3.0))
+        ]
+    )
     each = Expectation("x", "always", "abs(Gate.Angle) < 20")
     for block in (100, 1000):
         found = sketched([each], rows_of(1.0), block, frames)["x"]

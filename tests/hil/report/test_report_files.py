@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hil_support import text_file
 
 from liftgate_compiler.files import name_beside
 from liftgate_hil.errors import ConfigError
@@ -134,8 +135,7 @@ def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
 def test_a_report_of_another_form_is_not_replaced(tmp_path: Path) -> None:
     from liftgate_hil.report.files import is_of_another_kind
 
-    path = tmp_path / "k.json"
-    path.write_text(json.dumps({"provenance": {"versions": {"liftgate-hil": "1"}}}))
+    path = text_file(tmp_path / "k.json", json.dumps({"provenance": {"versions": {"liftgate-hil": "1"}}}))
     assert not is_of_another_kind(path, "json")
     assert is_of_another_kind(path, "html")
     assert is_of_another_kind(path, "junit")

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hil_support import j1850, shipped_rig
+from hil_support import j1850, shipped_rig, text_file
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.errors import ConfigError
 
 LEFT, RIGHT = 0x210, 0x211
@@ -319,8 +320,7 @@ eventually = "gate_angle_deg > 42"
 
 
 def test_a_run_has_the_same_frames_on_every_clock_and_every_time(tmp_path: Path) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(SCENARIO)
+    path = text_file(tmp_path / "s.toml", SCENARIO)
     logs = []
     for name, clock in (("a", "free"), ("b", "free"), ("c", "lockstep")):
         result = lh.run(path, clock=clock, record=tmp_path / f"{name}.log", trace=True)
@@ -336,8 +336,7 @@ def test_a_run_has_the_same_frames_on_every_clock_and_every_time(tmp_path: Path)
 
 def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
     def travel(fault: str) -> float:
-        path = tmp_path / "s.toml"
-        path.write_text(SCENARIO.split("[[fault]]", maxsplit=1)[0] + fault)
+        path = text_file(tmp_path / "s.toml", SCENARIO.split("[[fault]]", maxsplit=1)[0] + fault)
         return lh.run(path).maxima["gate_angle_deg"]
 
     silent = '[[fault]]\nkind = "frame_lost"\nwhere = "LeftDrive"\ndirection = "sent"\n'
@@ -370,21 +369,22 @@ def test_what_is_no_fault_of_this_bus_is_reported(arguments: dict[str, Any], sai
     assert said in str(caught.value)
 
 
-def test_a_message_that_the_database_lacks_is_reported_before_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("fault", "arguments", "said"),
+    [
+        ('kind = "frame_lost"\ndirection = "sent"\nwhere = "Nope"', ("test",),
+         "fault[0].where: 'Nope': not a message that the gate sends; allowed: LeftDrive, "),
+        ('kind = "bus_off"', ("simulate", "--voltage", "5", "--scenario"),
+         "fault[0].kind: bus_off: there is no bus"),
+    ],
+)  # fmt: skip
+def test_what_the_bus_lacks_is_reported_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str, arguments: tuple[str, ...], said: str
 ) -> None:
-    from liftgate_hil.cli.main import main
-
-    path = tmp_path / "s.toml"
-    path.write_text(
-        'duration = 1\n[[fault]]\nkind = "frame_lost"\ndirection = "sent"\nwhere = "Nope"\n'
-        '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'
-    )
-    assert main(["test", str(path)]) == 2
-    assert (
-        "fault[0].where: 'Nope': not a message that the gate sends; allowed: LeftDrive, "
-        in capsys.readouterr().err
-    )
+    expect = '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'
+    path = text_file(tmp_path / "s.toml", f"duration = 1\n[[fault]]\n{fault}\n{expect}")
+    assert main([*arguments, str(path)]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_quantity_names_the_message_that_carries_it() -> None:
@@ -401,12 +401,3 @@ def test_a_quantity_that_is_received_and_sent_names_the_message_of_the_faults_di
         gate.fault("frame_lost", where="road_slope", direction="received")
         with pytest.raises(ConfigError, match=r"`fault`: where: 'road_slope' \(Sensors\): not a message with a"):
             gate.fault("wrong_counter", where="road_slope", direction="sent")
-
-
-def test_without_a_bus_it_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from liftgate_hil.cli.main import main
-
-    path = tmp_path / "s.toml"
-    path.write_text('duration = 1\n[[fault]]\nkind = "bus_off"\n')
-    assert main(["simulate", "--scenario", str(path), "--voltage", "5"]) == 2
-    assert "fault[0].kind: bus_off: there is no bus" in capsys.readouterr().err

@@ -7,13 +7,13 @@ from typing import Any
 
 import cantools
 import pytest
-from hil_support import frames_of, j1850, shipped_rig
+from hil_support import frames_of, issues_of, j1850, shipped_rig, text_file
 
 import liftgate_hil as lh
 from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
 from liftgate_hil.config.rig import load_rig
-from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.signals import Signal
 
 RIG = shipped_rig()
@@ -85,30 +85,29 @@ def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
     assert {payload[0] & 3 for _, payload in of(frames, BODY)} == {2}
 
 
+OWN = 'counter = "AliveCounter"\nchecksum = "Checksum"\n'
+
+
+def rig_with(folder: Path, protection: str) -> Path:
+    """The shipped rig with another protection of Body."""
+    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
+    assert f"[messages.Body]\n{OWN}" in text
+    text = text.replace(f"[messages.Body]\n{OWN}", f"[messages.Body]\n{protection}")
+    return text_file(folder / "their.toml", text)
+
+
 def test_what_is_wrong_with_its_protection_is_reported_with_the_file(tmp_path: Path) -> None:
     """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
-    own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
-    text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
-    assert own in text
-    rig = tmp_path / "their.toml"
-    wrong = '[messages.Body]\nchecksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n'
-    rig.write_text(text.replace(own, wrong), encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
-    assert caught.value.issues == [f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"]
+    rig = rig_with(tmp_path, 'checksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n')
+    assert issues_of(recorded, tmp_path, SPEED + "value = 30\n", rig=rig) == [
+        f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
+    ]
 
 
 def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With AUTOSAR's profile 1, judged by the receiver that an ECU has; in plain Python: a rig with profiles has
-    machine code of its own, which takes a minute.
-    """
+    """Judged by an ECU's receiver; in plain Python, as a rig with profiles has machine code of its own."""
     monkeypatch.setenv("LIFTGATE_COMPILE", "0")
-    own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
-    text = Path(RIG.source).read_text(encoding="utf-8")
-    text = text.replace(own, f'{own}protection = "e2e-p01"\ndata_id = 0x1234\n')
-    assert "e2e-p01" in text
-    (tmp_path / "their.toml").write_text(text.replace('"liftgate.dbc"', f'"{RIG.database}"'), encoding="utf-8")
-    rig = load_rig(tmp_path / "their.toml")
+    rig = load_rig(rig_with(tmp_path, f'{OWN}protection = "e2e-p01"\ndata_id = 0x1234\n'))
     _, frames = recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
     issues = ConfigIssues("")
     bus = build_bus_config(
@@ -165,11 +164,8 @@ def test_by_hand_a_signal_is_sent_until_it_is_changed() -> None:
 
 def issue_of(folder: Path, text: str) -> str:
     """The one thing that is wrong with a scenario, behind the name of its file."""
-    path = folder / "s.toml"
-    path.write_text(f"duration = 1.0\n{text}", encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        lh.run(path)
-    (issue,) = caught.value.issues
+    path = text_file(folder / "s.toml", f"duration = 1.0\n{text}")
+    (issue,) = issues_of(lh.run, path)
     assert issue.startswith(f"{path}: ")
     return issue.removeprefix(f"{path}: ")
 
@@ -201,6 +197,5 @@ def test_the_scenario_of_a_gate_without_a_bus_leaves_it_out(tmp_path: Path) -> N
     from liftgate_hil.plan.setup import setup_of
     from liftgate_hil.plan.stimulation import offline_of
 
-    path = tmp_path / "s.toml"
-    path.write_text(f"duration = 1.0\n{SPEED}value = 30\n", encoding="utf-8")
+    path = text_file(tmp_path / "s.toml", f"duration = 1.0\n{SPEED}value = 30\n")
     assert len(offline_of(setup_of(path), 0.001).stimuli.restbus.bus.messages) == 0

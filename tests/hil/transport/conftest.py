@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from serial_peers import Terminal, opened
+from serial_peers import Server, Terminal, opened
 
 from liftgate_hil.transport.serial_port import SerialTransport
 
@@ -24,3 +24,11 @@ def line(terminal: Terminal) -> Iterator[SerialTransport]:
     """The transport under test."""
     with opened(str(terminal.link)) as transport:
         yield transport
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    """A far end on the network."""
+    made = Server()
+    yield made
+    made.drop()

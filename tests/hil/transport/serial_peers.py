@@ -5,15 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from liftgate_hil.transport.serial_port import SerialTransport
 
-PATIENCE = 30.0  # s; a bound, nothing is judged by it
+PATIENCE = 60.0  # s; a bound, nothing is judged by it
 
 
 class Terminal:
@@ -85,13 +84,6 @@ def opened(url: str, **options: Any) -> Iterator[SerialTransport]:
         yield transport
     finally:
         transport.close()
-
-
-def wait_for(condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.005)
 
 
 def descriptors() -> int:

@@ -257,19 +257,21 @@ def counted(
 AWAY = [("203.0.113.9", 43113), ("2001:db8::9", 43113, 0, 0)]
 
 
-@pytest.mark.parametrize("sender", AWAY)
-def test_another_machine_cannot_command_the_gate(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
-    assert counted(monkeypatch, [sender] * 3, hops=0) == (0, 3)
+HERE = [("127.0.0.1", 1), ("127.9.9.9", 1), ("::1", 1, 0, 0)]
 
 
-@pytest.mark.parametrize("sender", AWAY)
-def test_with_a_hop_limit_the_network_is_meant(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
-    assert counted(monkeypatch, [sender] * 3, hops=1) == (3, 0)
-
-
-@pytest.mark.parametrize("sender", [("127.0.0.1", 1), ("127.9.9.9", 1), ("::1", 1, 0, 0)])
-def test_loopback_is_this_machine(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
-    assert counted(monkeypatch, [sender], hops=0) == (1, 0)
+@pytest.mark.parametrize(
+    ("sender", "hops", "taken", "refused"),
+    [
+        *((sender, 0, 0, 3) for sender in AWAY),
+        *((sender, 1, 3, 0) for sender in AWAY),  # the network is meant
+        *((sender, 0, 3, 0) for sender in HERE),
+    ],
+)
+def test_another_machine_can_command_the_gate_only_with_a_hop_limit(
+    monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...], hops: int, taken: int, refused: int
+):
+    assert counted(monkeypatch, [sender] * 3, hops) == (taken, refused)
 
 
 def test_no_address_is_this_machine_where_none_comes_from_outside(monkeypatch: pytest.MonkeyPatch):

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import socket
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import can
 import numpy as np
 import pytest
-from hil_support import frames_of, rows_of
+from hil_support import frames_of, rows_of, wait_for
+from serial_peers import PATIENCE, descriptors
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.errors import TransportError
@@ -26,14 +26,6 @@ from liftgate_hil.transport.messages import message_of
 from liftgate_hil.transport.pump import Pump, _Stint
 
 Rows = list[tuple[int, bytes]]
-PATIENCE = 60.0  # s until something must have happened; nothing is judged by it
-
-
-def until(happened: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.001)
 
 
 def send(pump: Pump, rows: Rows) -> Writing:
@@ -56,16 +48,12 @@ class Reader:
         return len(self.rows)
 
 
-def descriptors() -> set[str]:
-    return set(os.listdir("/proc/self/fd"))  # noqa: PTH208
-
-
 @pytest.fixture(autouse=True)
 def nothing_leaks() -> Iterator[None]:
-    threads, files = set(threading.enumerate()), len(descriptors())
+    threads, files = set(threading.enumerate()), descriptors()
     yield
-    until(lambda: set(threading.enumerate()) <= threads)
-    assert len(descriptors()) <= files
+    wait_for(lambda: set(threading.enumerate()) <= threads)
+    assert descriptors() <= files
 
 
 @pytest.fixture
@@ -98,7 +86,7 @@ def test_frames_of_every_kind_come_in_whole_with_their_arrival(pair: tuple[Pump,
         other.send(message_of(frames_of(rows), row))
     other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
     reader = Reader(pump)
-    until(lambda: reader.look() > len(rows))
+    wait_for(lambda: reader.look() > len(rows))
     assert reader.rows == [*rows, (0x55 | REMOTE, bytes(5))]
     assert reader.stamps == sorted(reader.stamps)
     assert before <= reader.stamps[0] <= reader.stamps[-1] <= time.monotonic_ns()
@@ -128,7 +116,7 @@ def test_both_ways_at_once_keep_their_order(pair: tuple[Pump, can.BusABC]):
         other.send(can.Message(arbitration_id=number, is_extended_id=True))
         out += send(pump, [(number | EXTENDED, bytes([number % 256]))] * (number == out)).sent
         reader.look()
-    until(lambda: reader.look() == 3000)
+    wait_for(lambda: reader.look() == 3000)
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == list(range(3000))
     for number in range(out):
         message = other.recv(PATIENCE)
@@ -146,7 +134,7 @@ def test_a_slow_reader_holds_up_nothing_and_gets_all(pair: tuple[Pump, can.BusAB
     assert message is not None
     assert message.arbitration_id == 0x123
     reader = Reader(pump)
-    until(lambda: reader.look() == 5000)
+    wait_for(lambda: reader.look() == 5000)
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == list(range(5000))
 
 
@@ -242,7 +230,7 @@ class VendorError(Exception):
 def is_read(rig: Rig) -> bool:
     """Whether the pump reads what comes now."""
     transport, before = rig.pump._transport, time.monotonic_ns()
-    until(lambda: transport._since_ns > before)
+    wait_for(lambda: transport._since_ns > before)
     return bool(transport.is_up)
 
 
@@ -251,9 +239,9 @@ def test_what_a_bus_held_back_while_it_was_lost_is_dropped(rig: Rig):
     rig.come.put(OSError(100, "Network is down"))
     for number in range(5):
         rig.come.put(can.Message(arbitration_id=number))
-    until(lambda: len(rig.drivers) == 2 and is_read(rig))
+    wait_for(lambda: len(rig.drivers) == 2 and is_read(rig))
     rig.come.put(can.Message(arbitration_id=99))
-    until(reader.look)
+    wait_for(reader.look)
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == [99]
     assert rig.pump.counts().before_start == 5
 
@@ -261,19 +249,19 @@ def test_what_a_bus_held_back_while_it_was_lost_is_dropped(rig: Rig):
 def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
     reader = Reader(rig.pump)
     news: list[str] = []
-    threads, files = threading.active_count(), len(descriptors())
+    threads, files = threading.active_count(), descriptors()
     for cycle in range(100):
         rig.come.put(can.Message(arbitration_id=cycle))
-        until(lambda wanted=2 * cycle + 1: reader.look() == wanted)
+        wait_for(lambda wanted=2 * cycle + 1: reader.look() == wanted)
         rig.refusals = cycle % 4
         if cycle % 2:
             rig.come.put(OSError(100, "Network is down"))
         else:
             for _ in range(10):
                 rig.come.put(can.CanOperationError("down") if cycle % 4 else VendorError("?"))
-        until(lambda opened=cycle + 2: len(rig.drivers) == opened and is_read(rig))
+        wait_for(lambda opened=cycle + 2: len(rig.drivers) == opened and is_read(rig))
         rig.come.put(can.Message(arbitration_id=1000 + cycle))
-        until(lambda wanted=2 * cycle + 2: reader.look() == wanted)
+        wait_for(lambda wanted=2 * cycle + 2: reader.look() == wanted)
         news.append(str(rig.pump.watch(None)))
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == [
         number for cycle in range(100) for number in (cycle, 1000 + cycle)
@@ -282,7 +270,7 @@ def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
     assert [driver.shut for driver in rig.drivers] == [1] * 100 + [0]
     assert rig.pump.counts() == LinkCounts(receive_failures=50 + 500, losses=100)
     assert set(news) == {"None"}  # it was back at each look
-    assert (threading.active_count(), len(descriptors())) == (threads, files)
+    assert (threading.active_count(), descriptors()) == (threads, files)
 
 
 def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
@@ -298,10 +286,10 @@ def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
         news.clear()
         rig.refusals = 10**9
         rig.come.put(OSError(19, "No such device"))
-        until(lambda: watched("is lost"))
+        wait_for(lambda: watched("is lost"))
         assert [rig.pump.watch(None) for _ in range(3)] == [None] * 3
         rig.refusals = 0
-        until(lambda: watched("is back"))
+        wait_for(lambda: watched("is back"))
         assert rig.pump.watch(None) is None
         assert news == ["is lost", "is back"]
 
@@ -320,10 +308,10 @@ def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
 def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(rig: Rig, error: Exception, full: int):
     rig.drivers[0].refuse = error
     send(rig.pump, [(1, b"")] * 100)
-    until(lambda: rig.pump.counts().send_failures == 100)
+    wait_for(lambda: rig.pump.counts().send_failures == 100)
     rig.drivers[0].refuse = None
     send(rig.pump, [(2, b"")])
-    until(lambda: rig.drivers[0].sent)
+    wait_for(lambda: rig.drivers[0].sent)
     assert rig.pump.counts() == LinkCounts(send_failures=100, send_queue_full=100 * full)
 
 
@@ -334,8 +322,8 @@ def test_counts_are_right_while_both_ways_fail_at_once(rig: Rig):
         rig.come.put(can.Message(arbitration_id=number))
         send(rig.pump, [(number, b"")])
     reader = Reader(rig.pump)
-    until(lambda: reader.look() == 300)
-    until(lambda: rig.pump.counts().send_failures == 300)
+    wait_for(lambda: reader.look() == 300)
+    wait_for(lambda: rig.pump.counts().send_failures == 300)
     assert rig.pump.counts() == LinkCounts(receive_failures=300, send_failures=300)
 
 
@@ -349,11 +337,11 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
     assert written.full > 0
     reader = Reader(rig.pump)
     rig.come.put(can.Message(arbitration_id=7))
-    until(lambda: reader.look() == 1)
+    wait_for(lambda: reader.look() == 1)
     driver.gate.set()
-    until(lambda: len(driver.sent) == 1 + written.sent)
+    wait_for(lambda: len(driver.sent) == 1 + written.sent)
     assert send(rig.pump, [(3, b"")]).sent == 1
-    until(lambda: driver.sent[-1].arbitration_id == 3)
+    wait_for(lambda: driver.sent[-1].arbitration_id == 3)
 
 
 def test_the_loop_gets_the_time_that_its_frames_have_waited_for_the_thread(monkeypatch: pytest.MonkeyPatch):
@@ -373,7 +361,7 @@ def test_the_loop_gets_the_time_that_its_frames_have_waited_for_the_thread(monke
     assert control.line_late_ns == 0
     for each in threads:
         start(each)
-    until(lambda: driver.sent)
+    wait_for(lambda: driver.sent)
     assert control.line_late_ns >= 49_000_000
     pump.close()
 
@@ -385,7 +373,7 @@ def test_what_the_driver_takes_is_not_the_benchs_delay(rig: Rig):
     send(rig.pump, [(1, b""), (2, b"")])
     time.sleep(1.0)
     driver.gate.set()
-    until(lambda: len(driver.sent) == 2)
+    wait_for(lambda: len(driver.sent) == 2)
     assert control.line_late_ns < 900_000_000
 
 
@@ -399,17 +387,17 @@ def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: p
     assert driver.in_send.wait(PATIENCE)
     rig.pump.close()
     driver.gate.set()
-    until(lambda: not any(thread.is_alive() for thread in rig.pump._threads))
+    wait_for(lambda: not any(thread.is_alive() for thread in rig.pump._threads))
     assert told == []
 
 
 def test_a_lost_driver_may_be_sent_to_and_closed(rig: Rig):
     rig.refusals = 10**9
     rig.come.put(OSError(19, "No such device"))
-    until(lambda: rig.pump.watch(None) == "is lost")
+    wait_for(lambda: rig.pump.watch(None) == "is lost")
     rig.drivers[0].refuse = can.CanOperationError("closed")
     send(rig.pump, [(1, b"")] * 5)
-    until(lambda: rig.pump.counts().send_failures == 5)
+    wait_for(lambda: rig.pump.counts().send_failures == 5)
     rig.pump.close()
 
 
@@ -438,7 +426,7 @@ def test_a_step_of_the_wall_clock_does_not_hold_up_receiving(
     for number in range(100):
         behind[0] += 6.0
         other.send(can.Message(arbitration_id=number, is_extended_id=True))
-        until(lambda wanted=number + 1: reader.look() == wanted)
+        wait_for(lambda wanted=number + 1: reader.look() == wanted)
     assert len(reader.rows) == 100
     assert all(timeout is not None and 0.0 <= timeout <= 0.05 for timeout in asked)
     monkeypatch.undo()
@@ -476,7 +464,7 @@ def test_what_came_before_the_loop_is_ready_is_dropped_and_counted():
             other.send(can.Message(arbitration_id=0x120, data=bytes([number % 256])))
         pump.drain()
         other.send(can.Message(arbitration_id=0x121))
-        until(reader.look)
+        wait_for(reader.look)
         assert [identifier & 0x7FF for identifier, _ in reader.rows] == [0x121]
         assert pump.counts().before_start == 3000
         pump.close()
@@ -488,7 +476,7 @@ def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig)
     old = can.Message(arbitration_id=1, timestamp=time.time() - 5.0)
     rig.come.put(old)
     reader = Reader(rig.pump)
-    until(reader.look)
+    wait_for(reader.look)
     assert time.monotonic_ns() - reader.stamps[0] >= 4 * 10**9
 
 
@@ -516,7 +504,7 @@ def test_a_flood_does_not_keep_it_from_closing(read_before: bool):
     reader = Reader(pump)
     if read_before:
         pump.drain()
-        until(lambda: reader.look() > 3000)
+        wait_for(lambda: reader.look() > 3000)
     pump.close()
     assert transport.closed == 1
     with pytest.raises(OSError, match="Bad file descriptor"):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hil_support import CALM
+from hil_support import CALM, text_file
 from hypothesis import given
 from hypothesis import strategies as st
 from serial_lines import line_of, noisy_line
@@ -208,13 +208,13 @@ def test_the_header_reads_and_writes_nothing_that_is_not_its_own(tmp_path: Path)
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
 def test_the_header_is_cpp_too(tmp_path: Path):
-    source = tmp_path / "use.cpp"
-    source.write_text(
+    source = text_file(
+        tmp_path / "use.cpp",
         '#include "liftgate_serial.h"\nint main() { lgs_receiver r = {}; lgs_frame f;\n'
         "uint8_t line[LGS_MAX_ENCODED]; lgs_status last = LGS_PENDING;\n"
         "const size_t n = lgs_encode(7u, nullptr, 0u, line, sizeof line);\n"
         "for (size_t i = 0u; i < n; i++) { last = lgs_receive(&r, line[i], &f); }\n"
-        "return last == LGS_FRAME && f.id == 7u ? 0 : 1; }\n"
+        "return last == LGS_FRAME && f.id == 7u ? 0 : 1; }\n",
     )
     target = tmp_path / "use"
     command = ["c++", "-std=c++11", *STRICT, f"-I{HEADERS}", str(source), "-o", str(target)]

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 
 import pytest
-from hil_support import frames_of, rows_of
+from hil_support import frames_of, rows_of, wait_for
 from serial_lines import ROWS, line_of
-from serial_peers import Server, Terminal, descriptors, opened, wait_for
+from serial_peers import Server, Terminal, descriptors, opened
 
 from liftgate_hil.transport import serial_open
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.cobs import CobsDecoder, encode
 from liftgate_hil.transport.serial_port import SerialTransport
-
-
-@pytest.fixture
-def server() -> Iterator[Server]:
-    made = Server()
-    yield made
-    made.drop()
 
 
 def test_a_terminal_that_vanishes_and_returns_a_hundred_times_leaks_nothing(

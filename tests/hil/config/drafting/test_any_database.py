@@ -10,15 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hil_support import database_of, text_file
 
 from liftgate_hil.config.drafting.draft import draft_rig
 from liftgate_hil.config.drafting.words import concepts_in, named_values, side_of, words_of
 from liftgate_hil.config.rig import rig_of_content
 from liftgate_hil.errors import ConfigError
+from tests.hil.config.mangled_lines import mangled
 
 FOLDER = Path(__file__).parents[1] / "foreign"
-SIGNS = '0123456789-+|@()[]",. MmZ:;xé%°_'
-NUMBERS = ("0", "1", "7", "8", "64", "-1", "1e9")
 
 
 @pytest.fixture(autouse=True)
@@ -26,24 +26,6 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.CRITICAL)
     yield
     logging.disable(logging.NOTSET)
-
-
-def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[str]:
-    lines = list(lines)
-    for _ in range(chance.randint(1, 2)):
-        at = chance.randrange(len(lines))
-        line = lines[at]
-        kind = chance.randrange(4)
-        if kind == 0:
-            lines.insert(at, chance.choice(lines))
-        elif kind == 1 and line:
-            place = chance.randrange(len(line))
-            lines[at] = line[:place] + chance.choice(SIGNS) + line[place + 1 :]
-        elif kind == 2 and (digits := re.findall(r"\d+", line)):
-            lines[at] = line.replace(chance.choice(digits), chance.choice(NUMBERS), 1)
-        elif kind == 3 and (names := re.findall(r"\w+", line)):
-            lines[at] = line.replace(chance.choice(names), chance.choice(words), 1)
-    return lines
 
 
 def test_a_mangled_database_is_drafted_or_refused(tmp_path: Path):
@@ -73,8 +55,7 @@ def test_a_database_of_a_whole_car_takes_no_longer_than_reading_it(tmp_path: Pat
         lines.append(f"BO_ {i + 1} Message{i}: 8 {'AB'[i % 2]}")
         for k, name in enumerate(("MotorCurrentLeft", "Speed", "Temp", "Status")):
             lines.append(f' SG_ {name}{i} : {16 * k}|16@1- (0.1,0) [0|0] "A" B')
-    path = tmp_path / "car.dbc"
-    path.write_text("\n".join(lines) + "\n")
+    path = text_file(tmp_path / "car.dbc", "\n".join(lines) + "\n")
     draft = draft_rig(path, tmp_path / "rig.toml")
     assert "one of 1500 candidates" in draft.text
     assert len(draft.text) < 10_000
@@ -112,19 +93,10 @@ def test_labels_that_two_of_ours_may_mean_are_nobodys():
     }
 
 
-HEAD = """VERSION ""
-BS_:
-BU_: ECU Gate Tester
-"""
-TAIL = """BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
-BA_DEF_DEF_ "GenMsgCycleTime" 10;
-"""
-
-
 def draft_of(folder: Path, *messages: str) -> tuple[str, dict[str, str]]:
     """The text, and what is open with the reason."""
-    (folder / "their.dbc").write_text(HEAD + "".join(messages) + TAIL)
-    draft = draft_rig(folder / "their.dbc", folder / "rig.toml")
+    path = text_file(folder / "their.dbc", database_of("".join(messages), nodes="ECU Gate Tester"))
+    draft = draft_rig(path, folder / "rig.toml")
     return draft.text, dict(draft.open)
 
 
