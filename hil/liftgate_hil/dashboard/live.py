@@ -21,8 +21,8 @@ from liftgate_hil.dashboard.page_state import (
     GateGeometry,
     JsonObject,
     LoopHistograms,
-    LoopState,
     PageState,
+    ShownLoop,
 )
 from liftgate_hil.dashboard.source import MOST_LINES, curves_of, meanings_of, split, times_of, units_of
 from liftgate_hil.errors import RunGoneError
@@ -208,7 +208,7 @@ class Live:
             "truth": truth,
             "sensed": sensed,
             "command": self._bus.command(),
-            "loop": cast(LoopState, loop),
+            "loop": cast(ShownLoop, loop),
             "bus": cast(BusState, bus),
             "in_force": self._news["in_force"],
             "acting": self._news["acting"],

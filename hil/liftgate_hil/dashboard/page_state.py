@@ -302,7 +302,7 @@ class CommandValue(TypedDict):
     signal: Annotated[str, Shown("message and signal that carry it")]
 
 
-class LoopState(TypedDict, total=False):
+class ShownLoop(TypedDict, total=False):
     """The loop; of a recording only what was recorded."""
 
     clock: Annotated[str, Shown("clock of the run")]
@@ -402,7 +402,7 @@ class PageState(TypedDict, total=False):
         "in the unit of the [signal](signals.md)")]
     command: Annotated[dict[str, CommandValue], _by("QUANTITY", "the ECU's last command: `value` or its label, "
         "`unit` and `signal` of each quantity in the rig", "a quantity of the [rig file](rig.md)")]
-    loop: Annotated[LoopState, Shown("clock, rate, ticks done and missed; lateness, execution time and command "
+    loop: Annotated[ShownLoop, Shown("clock, rate, ticks done and missed; lateness, execution time and command "
         "delay [µs] as quantiles")]
     bus: Annotated[BusState, Shown("channel, load, frames sent, received, accepted, rejected, foreign, dropped; "
         "age of the last command")]

@@ -19,9 +19,9 @@ from liftgate_hil.dashboard.page_state import (
     ActingState,
     Curves,
     GateGeometry,
-    LoopState,
     PageState,
     PinchContact,
+    ShownLoop,
     ShownMark,
 )
 from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known, split
@@ -140,7 +140,7 @@ class RecordingSource:
         own = dict(zip(self._names, row, strict=True))
         found = nothing_known("recorded")
         found["time_s"], found["truth"], found["sensed"] = row[0], truth, sensed
-        found["loop"] = cast(LoopState, {name: own[name] for name in Bench._fields if name in own})
+        found["loop"] = cast(ShownLoop, {name: own[name] for name in Bench._fields if name in own})
         found["acting"] = self._acting(own)
         return found
 
