@@ -94,6 +94,6 @@ def base_of(plan: Plan, targets: Sequence[VariedTarget]) -> Base:
     return Base(job, tuple(targets), expectations, versions(), identity, ecu_of(plan), units)
 
 
-def ecu_of(plan: Plan) -> dict[str, Any]:
+def ecu_of(plan: Plan) -> dict[str, object]:
     """Return the identity of a plan's ECU by its content: the same library elsewhere is the same ECU."""
     return {name: value for name, value in plan.ecu_identity.items() if name != "path"}

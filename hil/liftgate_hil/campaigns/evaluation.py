@@ -17,7 +17,7 @@ from liftgate_hil.campaigns.base import Base, ecu_of
 from liftgate_hil.campaigns.figures import NO_FIGURES, Figures, FigureSink
 from liftgate_hil.campaigns.space import VariedTarget
 from liftgate_hil.conditions.evaluator import work_for
-from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, FreeParameter, keys_of, with_value
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, FreeParameter, keys_of, with_value
 from liftgate_hil.config.settings import Setting, settings_of
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.config.vehicle import VehicleFile, issues_with
@@ -37,6 +37,7 @@ from liftgate_hil.loop.tick import copied
 from liftgate_hil.plan.plan import Plan, plan_of
 from liftgate_hil.plan.setup import scenario_of, variant_of
 from liftgate_plant.coding import Coding
+from liftgate_plant.signals import SIDES
 from liftgate_plant.vehicle import Vehicle
 
 GROUP = 32  # variants that are prepared together; with 16 the rest of the time is 2 % of the run's more
@@ -104,7 +105,7 @@ def _parameters_of(file: VehicleFile, targets: Sequence[VariedTarget]) -> Mappin
     return found
 
 
-def _table(raw: Mapping[str, Any], side: str, table: str) -> Mapping[str, Any]:
+def _table(raw: Mapping[str, object], side: str, table: str) -> Mapping[str, object]:
     own = raw.get(side)
     inner = own.get(table) if isinstance(own, dict) else None
     return inner if isinstance(inner, dict) else {}

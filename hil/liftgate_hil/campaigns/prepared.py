@@ -178,7 +178,7 @@ def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | Non
     return Pace(before["seconds_each"], before["workers"])
 
 
-def differences(before: dict[str, Any], found: Prepared) -> list[str]:
+def differences(before: Mapping[str, object], found: Prepared) -> list[str]:
     """Return the files, packages and arguments that differ; empty: it is the same campaign."""
     files, known, theirs = (_table(before.get(name)) for name in ("files", "versions", "request"))
     sources = found.plan.sources
@@ -191,5 +191,5 @@ def differences(before: dict[str, Any], found: Prepared) -> list[str]:
     return wrong
 
 
-def _table(value: Any) -> dict[str, Any]:
+def _table(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}

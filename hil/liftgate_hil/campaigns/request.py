@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+from liftgate_hil.config.choices import OwnSeed, ParametersChoice, VehicleSettings
 from liftgate_hil.config.described import Field, Record, fields_of, value_of
 from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Raw, Text, Texts, Whole
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import OwnSeed, ParametersChoice, VehicleSettings
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.request import Duration, Rate

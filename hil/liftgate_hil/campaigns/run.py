@@ -212,7 +212,9 @@ def force_limit_of(found: Prepared) -> float | None:
     return min(limits, default=None)
 
 
-def _note(folder: Folder, found: Prepared, pace: Pace, provenance: Provenance, results: dict[str, Any]) -> None:
+def _note(
+    folder: Folder, found: Prepared, pace: Pace, provenance: Provenance, results: Mapping[str, object]
+) -> None:
     """Write campaign.json. Raises StoreError."""
     folder.write_manifest(
         {

@@ -22,6 +22,7 @@ from liftgate_plant.motor import Motor
 from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.seal import Seal
 from liftgate_plant.sensors import Sensors
+from liftgate_plant.signals import SIDES
 from liftgate_plant.spring import Spring
 from liftgate_plant.supply import Supply
 from liftgate_plant.thermal import Thermal
@@ -49,7 +50,6 @@ BODY_TABLES: Mapping[str, type] = {
     "sensors": Sensors,
     "coding": Coding,
 }
-SIDES = ("left", "right")
 
 
 class Key(NamedTuple):

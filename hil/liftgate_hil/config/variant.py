@@ -26,12 +26,13 @@ from typing import Annotated, Any, NamedTuple
 
 from liftgate_hil.config.described import Field, Record, read_record
 from liftgate_hil.config.kinds import Choice, Number, Raw
-from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, Key, keys_of
 from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.toml import Table, is_number, number, show, table, value_at
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_plant.noise import gaussian, uniform
 from liftgate_plant.quantity import Points
+from liftgate_plant.signals import SIDES
 
 DISTRIBUTIONS = ("normal", "lognormal", "uniform")
 _MOST = 1e12  # limit of a value or a width, beyond the ranges of all keys

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, SIDES, dotted_keys, keys_of
+from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, dotted_keys, keys_of
 from liftgate_hil.config.settings import Setting, applied, apply_setting
 from liftgate_hil.config.toml import (
     Table,
@@ -34,6 +34,7 @@ from liftgate_plant.gate import GateParameters
 from liftgate_plant.latch import Latch
 from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
+from liftgate_plant.signals import SIDES
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
 # Top-level keys; `identification` says how values were estimated, and nothing here depends on it.

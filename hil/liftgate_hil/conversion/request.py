@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from liftgate_hil.config.choices import VehicleSettings
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Names, Number, Text
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import VehicleSettings
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.formats.suffixes import BUS_LOGS, PICTURES, ROWS_AND_FRAMES, ROWS_ONLY, either
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
-from liftgate_hil.config.vehicle_choice import WireChoice
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.drive.driver import Driver
 from liftgate_hil.drive.precondition import phases_of
 from liftgate_hil.drive.start import started

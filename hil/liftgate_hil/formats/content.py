@@ -97,10 +97,10 @@ def lines_about(about: str) -> list[str]:
     return [printable(line) for line in lines]
 
 
-def _ecu_in_words(ecu: Mapping[str, Any]) -> str:
-    known = [ecu[name] for name in ("version", "mutant", "class", "path") if name in ecu]
+def _ecu_in_words(ecu: Mapping[str, object]) -> str:
+    known = [str(ecu[name]) for name in ("version", "mutant", "class", "path") if name in ecu]
     digest = f", SHA-256 {ecu['sha256']}" if "sha256" in ecu else ""
-    return " ".join([ecu["kind"], *known]) + digest
+    return " ".join([str(ecu["kind"]), *known]) + digest
 
 
 class RowBatch:

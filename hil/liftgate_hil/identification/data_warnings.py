@@ -26,6 +26,7 @@ from liftgate_hil.identification.trajectory import OUTPUTS
 from liftgate_hil.measurement.mapping import KNOWN
 from liftgate_hil.measurement.quality import GAP, usual_spacing
 from liftgate_plant import gate
+from liftgate_plant.signals import SIDES
 from liftgate_plant.vehicle import Vehicle, plant_of
 
 _LONG_GAP_S = 0.2  # in which a voltage may have changed, and a motor settles
@@ -40,7 +41,6 @@ _BALANCE = ("spring.", "gate.")  # parameters of what balances the gate
 # Parameters of friction, whose torque has the sign of the motion.
 _FRICTION = ("efficiency", "friction_torque", "friction_force", "load_torque", "static_ratio", "stribeck_speed")
 _STATED = "sensors.current_offset"
-SIDES = ("left", "right")
 _ALIKE = 0.95  # correlation from which on two courses have the same shape
 _OTHER = 1.5  # ratio of two courses of the same shape that the initial values do not explain
 _NEAR = 0.15  # share by which a factor may differ from that of a unit

@@ -15,14 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.config.parameters import (
-    SIDES,
-    FreeParameter,
-    all_parameters,
-    same_on_both_sides,
-    value_of,
-    with_value,
-)
+from liftgate_hil.config.parameters import FreeParameter, all_parameters, same_on_both_sides, value_of, with_value
 from liftgate_hil.identification.coarse import coarse_of
 from liftgate_hil.identification.data import Floats
 from liftgate_hil.identification.descent import Descent
@@ -31,6 +24,7 @@ from liftgate_hil.identification.result import Estimate, FixedParameter
 from liftgate_hil.identification.statistics import Uncertainty, information, pseudo_inverse
 from liftgate_hil.identification.weighting import errors_of, sampled_rows, weighting_of
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.signals import SIDES
 
 _SHARE = 0.5  # of its value: the largest standard deviation of a useful estimate
 # Of its range: the same for a quantity that may well be zero (a slope, a coordinate).

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification.data import Data, Floats, applied_voltage, first_sample, is_count, is_driven
 from liftgate_hil.identification.trajectory import REST, Start
-from liftgate_plant import gate
+from liftgate_plant import gate, rigid
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import Vehicle, plant_of

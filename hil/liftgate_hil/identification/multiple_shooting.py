@@ -12,14 +12,13 @@ import math
 
 import numpy as np
 
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification.data import Data, Floats, part_of
 from liftgate_hil.identification.initial_condition import InitialCondition, is_closed
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.identification.residuals import local_line
 from liftgate_hil.identification.statistics import fit_percent
 from liftgate_hil.identification.trajectory import REST
-from liftgate_plant import gate
+from liftgate_plant import gate, rigid
 from liftgate_plant.dynamics import Plant
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import plant_of

@@ -9,10 +9,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from liftgate_hil.config.choices import VehicleChoice
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, Texts, Whole
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import VehicleChoice
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, ConfigIssues

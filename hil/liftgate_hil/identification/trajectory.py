@@ -18,9 +18,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from liftgate_compiler import compilable, compiled, fill, picked
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification.data import Floats
-from liftgate_plant import dynamics, gate, initial, integrate
+from liftgate_plant import dynamics, gate, initial, integrate, rigid
 from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
 from liftgate_plant.latch import Claw, LatchState, at_first
 from liftgate_plant.rows import inputs_of

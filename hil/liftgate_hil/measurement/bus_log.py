@@ -26,13 +26,12 @@ from liftgate_hil.measurement.log_frames import read_frames
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.walk import events_in
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PROFILES, Command
-from liftgate_plant.signals import Sensed, Signal, bus_name, signals_of
+from liftgate_plant.signals import SIDES, Sensed, Signal, bus_name, signals_of
 
 # Our columns by the bus quantities that correspond to exactly one.
 _PANEL = {bus_name(column, signal): column for column, signal in PROFILES.items()}
 _SENSED = {bus_name(column, signal): column for column, signal in signals_of(Sensed).items() if column in OUTPUTS}
 _COMMANDS = Command._fields
-_SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
 _LONGEST_NS = 10**18  # 32 years: a longer file is no log
 
@@ -241,7 +240,7 @@ def _inputs(
     def held(name: str) -> Floats:
         return given[name].held(marks, np.nan) if name in given else np.full(len(marks), np.nan)
 
-    for side in _SIDES:
+    for side in SIDES:
         if f"{side}_duty" not in wired:
             continue
         signed = f"{side}_direction" not in wired

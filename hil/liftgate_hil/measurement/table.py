@@ -20,11 +20,11 @@ from liftgate_hil.formats.suffixes import BUS_LOGS, FORMATS
 from liftgate_hil.measurement.mapping import KNOWN, ColumnMap, Theirs, conversion, near_miss, own_column, unit_of
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX
+from liftgate_plant.signals import SIDES
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
-SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
 INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
 _KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))

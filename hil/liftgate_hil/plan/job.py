@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from liftgate_hil.config.vehicle_choice import WireChoice
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.plan.request import RunRequest

@@ -11,17 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+from liftgate_hil.config.choices import SCENARIO, AnyScenario, OwnRig, SetupChoice, VehicleChoice, WireChoice
 from liftgate_hil.config.described import Field, Record, value_of
 from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Text, Texts, Whole, listed
 from liftgate_hil.config.toml import show
-from liftgate_hil.config.vehicle_choice import (
-    SCENARIO,
-    AnyScenario,
-    OwnRig,
-    SetupChoice,
-    VehicleChoice,
-    WireChoice,
-)
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY, Limit

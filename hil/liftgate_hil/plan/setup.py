@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from liftgate_hil.config.choices import SetupChoice
 from liftgate_hil.config.described import seed_of, value_of
 from liftgate_hil.config.kinds import NumbersByName
 from liftgate_hil.config.rig import Rig, load_rig
@@ -19,7 +20,6 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import VehicleFile, load_vehicle, read_vehicle
-from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.vehicle import Vehicle
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from liftgate_hil.config.choices import SetupChoice
 from liftgate_hil.config.described import Field
 from liftgate_hil.config.kinds import File, Number, Whole
-from liftgate_hil.config.vehicle_choice import SetupChoice
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_ROWS, either
 from liftgate_hil.measurement.request import MapRequest

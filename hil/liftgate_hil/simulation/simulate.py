@@ -31,7 +31,6 @@ from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_hil.measurement.table import (
     INPUT_KIND,
     RECORDED_NOTE,
-    SIDES,
     TableReading,
     misspelt,
     read_series,
@@ -45,6 +44,7 @@ from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
 from liftgate_hil.stimuli.samples import Floats, Samples, constant_voltage
 from liftgate_plant.initial import initial_state
+from liftgate_plant.signals import SIDES
 
 _OURS = {*COLUMN_PLACE, *OUTPUTS}  # what a recording or a measurement also holds, which nobody takes for an input
 _MOST_NAMED = 5  # unknown columns

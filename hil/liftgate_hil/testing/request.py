@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Whole
-from liftgate_hil.config.vehicle_choice import (
+from liftgate_hil.config.choices import (
     RIG,
     SCENARIO,
     AnyRig,
@@ -20,6 +18,8 @@ from liftgate_hil.config.vehicle_choice import (
     VehicleSettings,
     WireChoice,
 )
+from liftgate_hil.config.described import Field, Record
+from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Whole
 from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError

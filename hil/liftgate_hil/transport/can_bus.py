@@ -6,8 +6,8 @@ import contextlib
 import errno
 import socket
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class CanTransport:
     A bus that fails while receiving is closed, and reopened as soon as that is possible.
     """
 
-    def __init__(self, arguments: dict[str, Any], is_fd: bool = False) -> None:
+    def __init__(self, arguments: Mapping[str, object], is_fd: bool = False) -> None:
         self.name = str(arguments.get("channel", ""))
         self._interface = str(arguments.get("interface", ""))
         is_multicast = self._interface == multicast.INTERFACE
@@ -70,7 +70,7 @@ class CanTransport:
             if self._echoes is not None:
                 multicast.check_route(self.name)
             with logged("can") as said:  # why a driver's library is missing, for one
-                bus = _can.Bus(**self._arguments)
+                bus = _can.Bus(**cast(Any, self._arguments))
             if self._echoes is not None:
                 self._recv = multicast.Receiver(bus, self._arguments).recv
             elif type(bus).recv is _can.BusABC.recv and not bus.filters:

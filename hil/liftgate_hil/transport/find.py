@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.errors import ConfigError, words_of
 from liftgate_hil.transport.base import Line, Transport
 from liftgate_hil.transport.serial_open import parse_serial
@@ -23,7 +23,7 @@ _MISSING = (
 )
 
 
-def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
+def parse_bus(text: str, default_bitrate: float) -> Mapping[str, object]:
     """Return python-can's arguments for INTERFACE:CHANNEL[@BITRATE]; the channel may contain colons.
 
     Raises ConfigError.
@@ -39,7 +39,7 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise ConfigError(f"`bus` {text}: no interface {interface!r}; allowed: {known}")
-    arguments: dict[str, Any] = {"interface": interface, "channel": channel}
+    arguments: dict[str, object] = {"interface": interface, "channel": channel}
     if interface == "slcan":  # in its channels an @ precedes the serial port's baud rate
         arguments["bitrate"] = int(default_bitrate)
         return arguments
@@ -62,13 +62,13 @@ def _no_bitrate(interface: str) -> str:
     return f"a bit rate on {interface}, where {where}"
 
 
-def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
+def bus_arguments(choice: WireChoice, rig: Rig) -> Mapping[str, object]:
     """Return python-can's arguments, from `bus`, from its own options, or from its own configuration.
 
     Raises ConfigError.
     """
     bus, bitrate = choice.bus, choice.bitrate
-    given: dict[str, Any]
+    given: Mapping[str, object]
     if bus is None:
         given = {"interface": choice.interface, "channel": choice.channel, "bitrate": bitrate}
     elif choice.interface is not None or choice.channel is not None:
@@ -79,7 +79,7 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
     if not found.get("interface") or found.get("channel") is None:
         raise ConfigError(_MISSING)
     if bitrate is not None and found["interface"] in _NO_BITRATE:
-        raise ConfigError(f"`bitrate` {bitrate}: {_no_bitrate(found['interface'])}; allowed: none")
+        raise ConfigError(f"`bitrate` {bitrate}: {_no_bitrate(str(found['interface']))}; allowed: none")
     if found["interface"] == "udp_multicast":
         from liftgate_hil.transport import multicast
 
@@ -87,7 +87,7 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
     return found
 
 
-def _with_configuration(given: dict[str, Any]) -> dict[str, Any]:
+def _with_configuration(given: Mapping[str, object]) -> Mapping[str, object]:
     """Return these arguments as python-can completes them from can.conf and CAN_*. Raises ConfigError."""
     from liftgate_hil.config.can_libraries import can
 
@@ -97,7 +97,7 @@ def _with_configuration(given: dict[str, Any]) -> dict[str, Any]:
             f'CAN_CONFIG {text!r} in the environment: allowed: a JSON object, e.g. {{"hop_limit": 1}}'
         )
     try:
-        return dict(can.util.load_config(config=given))
+        return dict(can.util.load_config(config=dict(given)))
     except Exception as error:  # its files and its environment may hold anything
         is_configured = bool(given) or any(name.startswith("CAN_") for name in os.environ)
         named = f" (python-can says: {words_of(error)})" if is_configured else ""
@@ -114,7 +114,7 @@ def _is_object(text: str) -> bool:
 class Way(NamedTuple):
     """The address of a wire: python-can's arguments, or a serial port and its rate."""
 
-    can: dict[str, Any] | None
+    can: Mapping[str, object] | None
     serial: tuple[str, int] | None
     is_fd: bool
 

@@ -13,6 +13,7 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.can_libraries import can as _can
@@ -38,12 +39,12 @@ class RefusedError(Exception):
     """A datagram of another machine, which is refused."""
 
 
-def checked(arguments: dict[str, Any]) -> dict[str, Any]:
+def checked(arguments: Mapping[str, object]) -> Mapping[str, object]:
     """Return python-can's arguments with a hop limit, by default 0.
 
     With 0 the bus stays on this machine; with python-can's own default it leaves it. Raises ConfigError.
     """
-    group = arguments["channel"]
+    group = str(arguments["channel"])
     try:
         address = ipaddress.ip_address(group)
         is_group = address.is_multicast and getattr(address, "scope_id", None) is None
@@ -60,7 +61,7 @@ def checked(arguments: dict[str, Any]) -> dict[str, Any]:
     return {**arguments, "hop_limit": hops}
 
 
-def reach(arguments: dict[str, Any]) -> str:
+def reach(arguments: Mapping[str, object]) -> str:
     """Return in words how far a bus reaches, and whether frames can be lost on it unnoticed."""
     found = (
         "reaches this machine only, others are refused; allowed for a network: hop_limit above 0 in can.conf, or "
@@ -71,9 +72,9 @@ def reach(arguments: dict[str, Any]) -> str:
     return found if tells_drops() else f"{found}; {_UNNOTICED}"
 
 
-def apart(arguments: dict[str, Any]) -> str:
+def apart(arguments: Mapping[str, object]) -> str:
     """Return in words how a bus is kept separate from that of another bench on this machine."""
-    group = ipaddress.ip_address(arguments["channel"])
+    group = ipaddress.ip_address(str(arguments["channel"]))
     other = group + 1 if (group + 1).is_multicast else group - 1
     return (
         "two benches on one machine need one group each, the same for gate and ECU: "
@@ -101,12 +102,12 @@ def check_route(group: str) -> None:
 class Receiver:
     """Receives the messages of a bus. Raises TransportError if python-can's internals are not as expected."""
 
-    def __init__(self, bus: Any, arguments: dict[str, Any]) -> None:
+    def __init__(self, bus: Any, arguments: Mapping[str, object]) -> None:
         wire = getattr(getattr(bus, "_multicast", None), "_socket", None)
         if not isinstance(wire, socket.socket):
             raise TransportError(f"{INTERFACE}: not known in python-can {_can.__version__}")
         self._bus = bus
-        self._reaches_network = arguments.get("hop_limit", 1) > 0  # python-can's default
+        self._reaches_network = arguments.get("hop_limit", 1) != 0  # python-can's default
         self._group = ipaddress.ip_address(bus._multicast.group)
         self._known: dict[str, tuple[bool, float]] = {}
         _hear_one_group(wire)

@@ -14,8 +14,8 @@ from run_support import ScriptedEcu, message
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.drive.notes import on_the_bus
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.plan.setup import rig_from

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification.data import Data, applied_voltage, first_sample, rows_of, thinned
 from liftgate_hil.identification.initial_condition import beginning_of, begins_at_rest
 from liftgate_hil.identification.problem import Problem
 from liftgate_hil.plan.setup import vehicle_from
-from liftgate_plant import gate
+from liftgate_plant import gate, rigid
 from liftgate_plant.rows import INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.hil.identification.many_seeds import counted

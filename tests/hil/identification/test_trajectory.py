@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from liftgate_compiler import compiled, enabled
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification import trajectory as module
 from liftgate_hil.identification.data import rows_of
 from liftgate_hil.identification.trajectory import MODELS, OUTPUTS, REST, Start, balanced_angle, run, trajectory
 from liftgate_hil.plan.setup import vehicle_from
-from liftgate_plant import gate, integrate
+from liftgate_plant import gate, integrate, rigid
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import Inputs, State
 from liftgate_plant.initial import initial_state

@@ -20,8 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.transport.base import LinkCounts

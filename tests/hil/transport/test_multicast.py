@@ -17,8 +17,8 @@ import pytest
 from hil_support import EXTENDED, frames_of, rows_of
 
 from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.vehicle_choice import WireChoice
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.datagrams import CAPACITY, SocketReading, make_buffers, read_frames
 from liftgate_hil.transport import multicast

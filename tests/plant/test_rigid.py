@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from liftgate_hil.identification import rigid
 from liftgate_hil.identification.data import rows_of
 from liftgate_hil.identification.trajectory import MODELS, REST, trajectory
 from liftgate_hil.plan.setup import vehicle_from
-from liftgate_plant import dynamics, gate, initial
+from liftgate_plant import dynamics, gate, initial, rigid
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import Inputs
 from liftgate_plant.sensors import Sensors

@@ -1,4 +1,4 @@
-"""Choice of a vehicle, a rig, what happens to them, and the wire between gate and ECU, as commands take them."""
+"""Choices that commands share: vehicle, rig, scenario and its parameters, and the wire between gate and ECU."""
 
 from __future__ import annotations
 
