@@ -51,7 +51,7 @@ class DemoFiles(Record):
 
     ecu_serial: Annotated[str | None, Field(Text("PORT[@BAUD]"), "the other end of --serial, for the ECU",
         metavar="PORT[@BAUD]")] = None
-    output: Annotated[str, Field(File(), "folder for demo.log, demo.csv and demo.png, created if missing",
+    output: Annotated[str | Path, Field(File(), "folder for demo.log, demo.csv and demo.png, created if missing",
         metavar="FOLDER")] = "."
     no_record: Annotated[bool, Field(Flag(), "write no demo.log, demo.csv and demo.png")] = False
 

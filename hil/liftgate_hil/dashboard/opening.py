@@ -41,8 +41,8 @@ def source_of(
         from liftgate_hil.dashboard.recorded import RecordingSource
 
         how = read_options(request.recording_channel, request.timezone)
-        with progress(f"reading {printable(request.recording)}"):
-            return RecordingSource(Path(request.recording), request.rig, request.vehicle, how)
+        with progress(f"reading {printable(str(request.recording))}"):
+            return RecordingSource(Path(request.recording), _text(request.rig), _text(request.vehicle), how)
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.operate.attachment.client import Client
 
@@ -64,9 +64,9 @@ def starter_of(request: DashboardRequest) -> Starter | None:
     flags = ["--bus", request.bus or f"virtual:page-{os.getpid()}"]
     flags += ["--ecu", request.ecu or "reference"]
     for name in ("rig", "vehicle"):
-        flags += [] if getattr(request, name) is None else [f"--{name}", getattr(request, name)]
-    folder = Path(request.scenarios)
-    return Starter(folder if folder.is_dir() else shipped_folder("scenarios", request.scenarios) or folder, flags)
+        flags += [] if getattr(request, name) is None else [f"--{name}", str(getattr(request, name))]
+    folder, name = Path(request.scenarios), str(request.scenarios)
+    return Starter(folder if folder.is_dir() else shipped_folder("scenarios", name) or folder, flags)
 
 
 def _running() -> str:
@@ -91,3 +91,7 @@ def _chosen() -> int:
         f"no emulator of yours is running on this machine{endpoint.unusable()}: start one "
         "(liftgate-hil --bus …), or show `recording` FILE, or start `scenarios` FOLDER from the page"
     )
+
+
+def _text(path: str | Path | None) -> str | None:
+    return None if path is None else str(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record
@@ -33,13 +34,14 @@ class DashboardRequest(Record):
     """Request of a page: of a run, of a recording, or one that starts scenarios."""
 
     attach: Annotated[int | None, Field(Whole(1, 2**31), "process id of a run", metavar="PID")] = None
-    recording: Annotated[str | None, Field(File(), "a recording, or a bus log with --rig", metavar="FILE")] = None
-    scenarios: Annotated[str | None, Field(File(), "start scenarios of this folder (pack: shipped) from the page",
-        metavar="FOLDER")] = None
-    rig: Annotated[str | None, Field(File(), "with --recording: the rig that decodes its frames; with "
+    recording: Annotated[str | Path | None, Field(File(), "a recording, or a bus log with --rig",
+        metavar="FILE")] = None
+    scenarios: Annotated[str | Path | None, Field(File(), "start scenarios of this folder (pack: shipped) from "
+        "the page", metavar="FOLDER")] = None
+    rig: Annotated[str | Path | None, Field(File(), "with --recording: the rig that decodes its frames; with "
         "--scenarios: its rig", metavar="NAME|FILE")] = None
-    vehicle: Annotated[str | None, Field(File(), "with --recording: the vehicle to draw, if the file does not "
-        "name it; with --scenarios: its vehicle", metavar="NAME|FILE")] = None
+    vehicle: Annotated[str | Path | None, Field(File(), "with --recording: the vehicle to draw, if the file does "
+        "not name it; with --scenarios: its vehicle", metavar="NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
     bus: Annotated[str | None, Field(Text("INTERFACE:CHANNEL"), "with --scenarios: the bus of the runs",

@@ -24,8 +24,9 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.dashboard.guard import Guard, hosts_of
 from liftgate_hil.dashboard.live import _UNKNOWN_END
+from liftgate_hil.dashboard.opening import source_of
 from liftgate_hil.dashboard.page_state import AboutRecording, AboutRun, BusTrace, Curves, GateGeometry, PageState
-from liftgate_hil.dashboard.recorded import RecordingSource
+from liftgate_hil.dashboard.request import DashboardRequest
 from liftgate_hil.described_result import keys_of, shown_in
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop import statistics
@@ -124,7 +125,8 @@ def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Cl
         keys = keys_of(content)
         assert {*written(client.ask(f"/api/{path}")[1], keys)} == {*keys}
     lh.run("parts/demo_judged", record=tmp_path / "run.mf4")
-    recording = RecordingSource(tmp_path / "run.mf4").about()
+    asked = DashboardRequest.of(recording=str(tmp_path / "run.mf4"))
+    recording = source_of(asked, lambda text: contextlib.nullcontext()).about()
     recording["marks"] = [{"time_s": 1.0, "text": "it squeaks"}]
     keys = keys_of(AboutRecording)
     own = {path for path in keys if path not in ("number", "read_only", "starts", "ends_with_run")}
