@@ -35,7 +35,7 @@ class Base:
     margin_units: tuple[str, ...]  # of each expectation; "": none, or several
 
     def variant(self, values: Sequence[float] | Floats) -> str:
-        """Return the name of the variant with these values (d,), or of a batch (n, d): a hash."""
+        """Return the name of the variant with values (d,), or of a batch (n, d): a hash of all that defines it."""
         content = bytes.fromhex(self.identity) + np.asarray(values, dtype="<f8").tobytes()
         return hashlib.sha256(content).hexdigest()[:ID_DIGITS]
 

@@ -17,7 +17,7 @@ from liftgate_hil.signals import COLUMN_PLACE
 class Figures(NamedTuple):
     """Key figures of a run; NaN: undefined, as nothing was pinched or the gate did not reverse.
 
-    Those of a pinch are of the contact with the largest force; see `report.pinch`.
+    Figures of a pinch are of the contact with the largest force; see `report.pinch`.
     """
 
     peak_pinch_force_n: Annotated[float, Shown("N, largest pinch force; 0: nothing was pinched")]

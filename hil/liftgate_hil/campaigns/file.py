@@ -22,7 +22,7 @@ _FOLDER = f"configs/{CAMPAIGNS}"
 
 
 class CampaignTable(Record):
-    """The keys of a campaign file."""
+    """Top-level keys of a campaign file."""
 
     title: Annotated[str, Field(Text(), "title of the report")] = ""
     description: Annotated[str, Field(Text(), "what it is about")] = ""
@@ -30,7 +30,7 @@ class CampaignTable(Record):
 
 
 class PartTable(Record):
-    """The keys of one campaign ([[part]]) in a campaign file, named like the command's flags."""
+    """Keys of one campaign ([[part]]) in a campaign file, named like the command's flags."""
 
     name: Annotated[str, Field(Text(), "its folder in the output")]
     scenario: Annotated[str, Field(Text(), "scenario file, relative to this file, or a shipped name")]
@@ -78,7 +78,7 @@ def is_campaign_file(name: str) -> bool:
 def read_campaign_file(name: str, template: CampaignRequest) -> CampaignFile:
     """Read a campaign file; `template` holds the command's flags, which apply to all parts.
 
-    Its samples, where there are any, and its varied names replace those of the parts. Raises ConfigError.
+    The template's samples, if any, and its varied names replace those of the parts. Raises ConfigError.
     """
     path = _path_of(name)
     issues = ConfigIssues(str(path))

@@ -108,7 +108,7 @@ def run_campaign(
 ) -> CampaignOutcome:
     """Run a campaign, or resume one, and write its files.
 
-    Raises ConfigError, StoreError, LiftgateError where no worker can run. After a stop it is not complete.
+    Raises ConfigError, StoreError, LiftgateError where no worker can run. The outcome of a stop is not complete.
     """
     if places.store.startswith("memory:"):
         raise ConfigError(f"`store` {places.store}: ends with this process; allowed: a folder, or another address")

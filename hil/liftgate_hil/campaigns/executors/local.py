@@ -91,5 +91,5 @@ class Processes:
 
 
 def local_executor(base: Base, jobs: int) -> Serial | Processes:
-    """Return the executor for a number of worker processes; for 1 and a built-in ECU, this process."""
+    """Return the executor for `jobs` worker processes; for 1 job and a built-in ECU, `Serial` in this process."""
     return Serial(base) if jobs == 1 and not is_foreign(base.job.request.ecu) else Processes(base, jobs)
