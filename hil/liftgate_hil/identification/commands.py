@@ -1,4 +1,4 @@
-"""The commands `identify` and `validate` as functions, the plan of experiments, and the files they write."""
+"""Functions of the commands `identify` and `validate` and of the plan of experiments; their output files."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
 
 
 def uncertainty(matrix: Floats) -> Uncertainty:
-    """Return the uncertainty that follows from an information matrix."""
+    """Return the covariance of all unknowns, and the undetermined unknowns, from an information matrix."""
     size = np.sqrt(np.diag(matrix))
     loud = size > 0.0
     silent = tuple(int(k) for k in np.flatnonzero(~loud))
@@ -233,7 +233,7 @@ def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
 
 
 def _product(a: Floats, b: Floats) -> float:
-    """Return Σ a b; not by BLAS, whose threads cost more than they save here."""
+    """Return the scalar product Σ a b, without BLAS, whose threads would cost more than they save."""
     return float(np.einsum("n,n->", a, b))
 
 
@@ -273,7 +273,7 @@ def is_white(errors: Floats, lags: int = LAGS) -> bool:
 def factor_between(measured: Floats, simulated: Floats, alike: float) -> float | None:
     """Return the scale factor of a measured signal relative to a simulated one; None: not just scaled.
 
-    The courses correlate by more than `alike`, about zero and about their means, and have nearly the same factor
+    The signals correlate by more than `alike`, about zero and about their means, and have nearly the same factor
     in both cases: an offset is no scale.
     """
     whole = _factor(measured, simulated, alike)

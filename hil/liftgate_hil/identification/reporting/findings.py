@@ -244,7 +244,7 @@ def _scaled(series: Series) -> str:
 def has_offset(series: Series) -> bool:
     """Whether an output's errors are mainly a constant offset from beginning to end of the data.
 
-    It is none where noise or rounding explains the mean, or where the errors grow, as those of a wrong model do.
+    A mean that noise or rounding explains is none; nor are errors that grow, as those of a wrong model do.
 
     The slopes of a position are no column of the data, and have no offset of their own.
     """
