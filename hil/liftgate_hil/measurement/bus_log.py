@@ -132,7 +132,7 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
 def reported(rig: Rig, frames: Frames, times: NDArray[np.int64]) -> tuple[dict[str, Track], Counts, list[str]]:
     """Decode the quantities that a rig's gate has sent; return their tracks, the frame counts, and notes.
 
-    A value that is none of ours, as a label without a counterpart, is left out and noted; the other signals of its
+    A value that its quantity cannot have, as an unknown label, is left out and noted; the other signals of its
     frame count. `times` [ns] are those of the frames, and rise.
     """
     layout = rig.output_config(sending=False)

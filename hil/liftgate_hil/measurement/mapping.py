@@ -30,7 +30,7 @@ _SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+
 def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
     """Return the conversion of a unit to that of a known column; None: the unit measures something else.
 
-    `known` are our columns.
+    `known` are the columns of this program.
     """
     if unit.strip() in ("", column.rpartition("_")[2]):  # `simulate` writes the column's own ending
         return SAME
@@ -123,14 +123,14 @@ def own_column(ours: str, names: Collection[str], known: Mapping[str, Signal] = 
 
 
 class MapTable(Record):
-    """The keys of a map file."""
+    """Top-level keys of a map file (TOML)."""
 
     columns: Annotated[Table | None, Field(Subtable(), "the columns: each key is a column of this program, its "
         "value the name of the file's column, or a table")] = None  # fmt: skip
 
 
 class ColumnTable(Record):
-    """The keys of a column in a map file."""
+    """Keys of one column's table in a map file."""
 
     name: Annotated[
         str, Field(Text(), "name of the column in the file; there its unit may follow, as in `I [mA]`")

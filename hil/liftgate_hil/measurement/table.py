@@ -149,7 +149,7 @@ def _driving(side: str) -> tuple[str, ...]:
 
 
 def _other_units(file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]) -> list[str]:
-    """Return issues with headers in another unit, as left_current_ma; each is assigned to its known column."""
+    """Return issues with headers in another unit, such as left_current_ma; assign each to its known column."""
     issues = []
     for name in file.names:
         meant = near_miss(name)

@@ -35,7 +35,7 @@ WITHOUT = np.dtype([("count", "i8"), ("time_ns", "i8"), ("value", "f8")])
 def events_in(
     layout: BusConfig, frames: Frames, times: Integers, quantities: int, by_signal: bool
 ) -> tuple[Integers, Integers, Floats, Counts, Any]:
-    """Decode frames to events: return (times [ns], quantities, values), in order, frame counts, and WITHOUT.
+    """Decode frames to events; return their times [ns], quantities, values, frame counts, and invalid values.
 
     `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities. Where a
     signal has a value that its quantity has not, the gate refuses the frame; read `by_signal`, as of what others
