@@ -110,7 +110,7 @@ class Played(DescribedResult):
 
 
 class NotedTransport:
-    """Wrapper of a pump's transport that records how late each frame is when the driver has it.
+    """Transport wrapper that records how late each frame is at the moment when the driver has it.
 
     Only there it is known how long a thread has waited for the interpreter lock.
     """
