@@ -53,7 +53,7 @@ _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a durati
 
 
 def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
-    """Read the plant's inputs from a table, its columns mapped or not, from time 0 on, and notes on the table.
+    """Read the plant's inputs in a table from time 0 on, its columns mapped; return them, and notes.
 
     Raises ConfigError with all issues.
     """
