@@ -1,1 +1,1 @@
-"""Campaigns: many variants of a scenario, in grids and samples, in a search for the worst, as a probability."""
+"""Campaigns: many variants of a scenario, as grids, samples, a worst-case search or a probability estimate."""

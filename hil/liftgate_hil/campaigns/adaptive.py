@@ -1,4 +1,4 @@
-"""Campaigns whose next variants depend on the results so far: the search for the worst, and a probability.
+"""Adaptive campaigns, whose next variants depend on the results so far: worst-case search, probability.
 
 Both algorithms are coroutines that yield points and are sent margins. They are deterministic, so that a campaign
 that is resumed asks for the same variants again and finds them in the store.
@@ -31,7 +31,7 @@ _APART = math.radians(40.0)  # angle between two pockets, seen from the middle, 
 
 
 class Evaluated(NamedTuple):
-    """A variant with its margin."""
+    """Evaluated variant: its values, its margin, and whether the expectation fails."""
 
     values: tuple[float, ...]
     margin: float
@@ -40,7 +40,7 @@ class Evaluated(NamedTuple):
 
 
 class Evaluations:
-    """Margins of an expectation at points, each variant evaluated once."""
+    """Evaluator of an expectation's margins at points of the space, each variant only once."""
 
     def __init__(self, campaign: Campaign, expectation: str) -> None:
         self._campaign, self._expectation = campaign, expectation
@@ -48,7 +48,7 @@ class Evaluations:
         self.history: list[Evaluated] = []
 
     def margins(self, values: Floats) -> Floats:
-        """Return the margins (n,) of variants with values (n, d); NaN: none. Raises as `Campaign.evaluate`.
+        """Return the margins (n,) of variants with values (n, d); NaN: no margin. Raises as `Campaign.evaluate`.
 
         A failure with a margin of 0 is given as the largest negative number, as a negative margin is a failure for
         the algorithms.
@@ -75,7 +75,7 @@ class Evaluations:
 def drive(
     steps: Generator[Floats, Floats, Ending], values_of: Callable[[Floats], Floats], evaluations: Evaluations
 ) -> Ending:
-    """Evaluate the points that an algorithm asks for, and return its end."""
+    """Evaluate the points that an algorithm (a generator) yields, until it ends; return its result."""
     try:
         points = next(steps)
         while True:
@@ -86,7 +86,7 @@ def drive(
 
 
 class Worst(NamedTuple):
-    """Result of a search for the worst, and of as many random draws."""
+    """Result of a search for the smallest margin, with as many random draws for comparison."""
 
     end: SearchEnd
     search: list[Evaluated]
@@ -94,13 +94,13 @@ class Worst(NamedTuple):
 
     @property
     def everything(self) -> list[Evaluated]:
-        """Evaluations of the search, then those of the random draws, numbered on."""
+        """Evaluations of the search, then the random draws, with consecutive numbers."""
         more = [each._replace(number=each.number + len(self.search)) for each in self.random]
         return [*self.search, *more]
 
 
 def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int, seed: int) -> Worst:
-    """Search for the smallest margin, then draw as many variants at random to compare with."""
+    """Search for the variant with the smallest margin, then evaluate as many random variants for comparison."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = 2 * budget
     end = drive(worst_search(space.levels, budget, seed), space.values, evaluations)
@@ -111,7 +111,7 @@ def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int
 
 
 class Probability(NamedTuple):
-    """Result of a probability: its estimate, and the search for pockets before it."""
+    """Result of a probability estimate, with the preceding search for separate failure regions (pockets)."""
 
     estimate: SubsetEstimate
     pockets: Floats  # (k, d) in standard normal space
@@ -121,7 +121,7 @@ class Probability(NamedTuple):
 def estimate_probability(
     campaign: Campaign, space: Space, expectation: str, budget: int, seed: int
 ) -> Probability:
-    """Estimate the probability of a failure, with a tenth of the budget for its separate pockets."""
+    """Estimate the probability of failure; a tenth of the budget searches for separate failure regions."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = budget
     searching = int(SEARCH_SHARE * budget)
@@ -143,7 +143,7 @@ def estimate_probability(
 
 
 def share_below(points: Floats) -> Floats:
-    """Return the share (n, d) of a normal variable below points (n, d)."""
+    """Return the standard normal distribution function Φ (n, d) of points (n, d)."""
     from scipy.special import ndtr
 
     shares: Floats = ndtr(points)
@@ -151,7 +151,7 @@ def share_below(points: Floats) -> Floats:
 
 
 def pockets_of(failing: Floats) -> Floats:
-    """Return places (k, d) that stand for failing points (n, d): the most probable, in different directions."""
+    """Return the most probable failing points (k, d) in clearly different directions, from all (n, d)."""
     distances = np.linalg.norm(failing, axis=1)
     kept: list[Any] = []
     for place in np.argsort(distances, kind="stable"):

@@ -1,4 +1,4 @@
-"""Base of a campaign: all that its variants have in common, with the hash of everything that goes into a result.
+"""Base of a campaign: all that its variants have in common, with a hash of everything that determines a result.
 
 It is picklable, and holds the content of its files: any process makes a variant from it without reading files.
 """
@@ -35,12 +35,12 @@ class Base:
     margin_units: tuple[str, ...]  # of each expectation; "": none, or several
 
     def variant(self, values: Sequence[float] | Floats) -> str:
-        """Return the name of a variant, or of a batch (n, d): the hash of all that goes into its results."""
+        """Return the name of the variant with values (d,), or of a batch (n, d): a hash of all that defines it."""
         content = bytes.fromhex(self.identity) + np.asarray(values, dtype="<f8").tobytes()
         return hashlib.sha256(content).hexdigest()[:ID_DIGITS]
 
     def job_of(self, values: Sequence[float]) -> Job:
-        """Return the job of a variant with these values, one for each target."""
+        """Return the job that runs the variant with these values, one for each varied target."""
         own = self.job.request
         given = list(zip(self.targets, map(float, values), strict=True))
         parameters = {each.name: value for each, value in given if each.kind == PARAMETER}
@@ -55,7 +55,7 @@ class Base:
 
 
 def settings_of(given: Sequence[tuple[VariedTarget, float]]) -> list[str]:
-    """Return the values of keys of the vehicle file as KEY=VALUE; both coordinates of a point are one."""
+    """Return varied keys of the vehicle file as KEY=VALUE texts; both coordinates of a point form one text."""
     points: dict[str, list[float]] = {}
     found: dict[str, str] = {}
     for target, value in given:
@@ -71,7 +71,7 @@ def settings_of(given: Sequence[tuple[VariedTarget, float]]) -> list[str]:
 
 
 def base_of(plan: Plan, targets: Sequence[VariedTarget]) -> Base:
-    """Return the base of the variants of a plan, whose job has its files loaded."""
+    """Build the base of a campaign from the plan of its scenario, whose job has its files loaded."""
     job, setup = plan.job, plan.setup
     expectations = tuple(each.name for each in setup.scenario.expectations)
     known: dict[str, Any] = {
@@ -95,5 +95,5 @@ def base_of(plan: Plan, targets: Sequence[VariedTarget]) -> Base:
 
 
 def ecu_of(plan: Plan) -> dict[str, object]:
-    """Return the identity of a plan's ECU by its content: the same library elsewhere is the same ECU."""
+    """Return the identity of a plan's ECU without its path, so that a copied library is the same ECU."""
     return {name: value for name, value in plan.ecu_identity.items() if name != "path"}

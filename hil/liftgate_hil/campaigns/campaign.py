@@ -1,4 +1,4 @@
-"""A campaign: designs or adaptive searches, evaluated by an executor into a store, and resumed from it."""
+"""Execution of a campaign: an executor evaluates batches of variants into a store, from which it can resume."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class CampaignStoppedError(Exception):
 
 @dataclass
 class CampaignProgress:
-    """Progress of a campaign, for whoever shows it."""
+    """Progress of a campaign: numbers of variants in all, done, found in the store, and retried."""
 
     count: int  # variants in all; 0: not known
     done: int = 0  # of these, those from before a resumption included
@@ -41,13 +41,13 @@ class CampaignProgress:
 
     @property
     def per_second(self) -> float:
-        """Variants evaluated in a second, so far."""
+        """Average number of variants evaluated per second so far."""
         elapsed = time.monotonic() - self.began
         return (self.done - self.found) / elapsed if elapsed > 0.0 else 0.0
 
 
 def batch_size(count: int, workers: int, seconds: float) -> int:
-    """Return the variants of a batch, of `count` that take some `seconds` each on so many workers."""
+    """Return the number of variants per batch, for `count` variants of `seconds` each on `workers` workers."""
     longest = max(1, int(LONGEST_BATCH_S / max(seconds, 1e-6)))
     fair = max(1, -(-count // (workers * _SHARES)))
     # A worker is to be busy until all others have been given a batch, or they wait for who schedules.
@@ -57,7 +57,7 @@ def batch_size(count: int, workers: int, seconds: float) -> int:
 
 @dataclass
 class Campaign:
-    """A campaign that runs: its base, its executor, its store, and its progress."""
+    """Running campaign: its base, executor, store, progress and batches."""
 
     base: Base
     executor: Executor
@@ -68,7 +68,7 @@ class Campaign:
     asked: list[Batch] = field(default_factory=list)  # all batches so far, in the order of the results
 
     def evaluate(self, batches: list[Batch]) -> None:
-        """Have all batches in the store; those that are there already are not evaluated again.
+        """Evaluate the batches that the store does not hold yet, and wait until all are stored.
 
         Raises StoppedError, StoreError, LiftgateError.
         """
@@ -76,7 +76,7 @@ class Campaign:
             pass
 
     def evaluated(self, batches: list[Batch]) -> Iterator[pa.Table]:
-        """Evaluate batches, and yield their tables in their order, each as soon as all before it are there.
+        """Evaluate batches, and yield their result tables in order, each once all earlier batches are stored.
 
         So results are brought together while others are evaluated. Raises StoppedError, StoreError, LiftgateError.
         """
@@ -93,7 +93,7 @@ class Campaign:
         yield from self.tables(batches[place:])
 
     def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
-        """Evaluate what is missing, and yield the names that are in the store: at first, then as they come."""
+        """Evaluate missing batches; yield the names of stored ones: first those found, then each as it is done."""
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)
@@ -109,7 +109,7 @@ class Campaign:
             raise CampaignStoppedError
 
     def tables(self, batches: list[Batch]) -> Iterator[pa.Table]:
-        """Yield the tables of batches; one whose file is damaged is evaluated again.
+        """Yield the result tables of stored batches; a batch with a damaged file is evaluated again.
 
         Raises StoppedError, StoreError.
         """
@@ -126,7 +126,7 @@ class Campaign:
             yield table
 
     def stored(self, batch: Batch) -> pa.Table | None:
-        """Return the table of a batch; None: it is not there, or not of these variants. Raises StoreError."""
+        """Return a batch's stored table; None: missing, or of other variants. Raises StoreError."""
         table = self.store.get(batch.name)
         if table is None or tuple(table.column_names) != columns_of(self.base):
             return None
@@ -139,7 +139,7 @@ class Campaign:
 
 
 def batches_of(base: Base, source: Floats | Design, size: int) -> list[Batch]:
-    """Return variants (n, d), or those of a design, in batches of a size."""
+    """Split variants (n, d), or those of a design, into batches of a given size."""
     count = source.count if isinstance(source, Design) else len(source)
 
     def values(first: int) -> Floats:

@@ -1,4 +1,4 @@
-"""Campaign from its request, or the parts of a campaign file, with one report: `liftgate_hil.campaign`."""
+"""The function `liftgate_hil.campaign`: runs the campaign of a request, or all parts of a campaign file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from liftgate_hil.report.provenance import Provenance, provenance_of
 def run_parts(
     file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> list[CampaignOutcome]:
-    """Run the parts of a campaign file, and write the report of all.
+    """Run the campaigns of a campaign file one after the other, and write one combined report.
 
     After a stop the last outcome is not complete, and there are no later ones. Raises as `run_campaign`.
     """
@@ -115,7 +115,7 @@ def campaign(request: CampaignRequest) -> CampaignResult:
 def campaigned(
     request: CampaignRequest, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> CampaignResult:
-    """Return the result of a campaign, or of the parts of a campaign file, whose files are written.
+    """Run the campaign of a request, or all parts of a campaign file; write the files, return the result.
 
     Raises as `run_campaign`.
     """

@@ -1,4 +1,4 @@
-"""Distributions of a varied value, by their quantile functions; the interval of a share."""
+"""Probability distributions of varied values, as quantile functions; confidence interval of a proportion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CALL = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*")
 
 
 class Family(NamedTuple):
-    """A family of distributions: its arguments, what they must satisfy, and its quantile function."""
+    """Family of distributions, e.g. `uniform`: its arguments, their constraints, and its quantile function."""
 
     arguments: str
     allowed: str
@@ -78,18 +78,18 @@ FAMILIES: Mapping[str, Family] = {
 
 
 class Distribution(NamedTuple):
-    """A distribution of a value: its family and its arguments."""
+    """Probability distribution of a varied value: its family and its arguments."""
 
     family: str
     arguments: tuple[float, ...]
 
     def quantiles(self, shares: Floats) -> Floats:
-        """Return the quantiles (n,) of shares (n,) from 0 to 1."""
+        """Return the quantiles (n,) at probabilities `shares` (n,) from 0 to 1."""
         return FAMILIES[self.family].quantile(np.asarray(shares, dtype=np.float64), *self.arguments)
 
     @property
     def levels(self) -> int:
-        """Number of equally probable values; 0: it is continuous."""
+        """Number of equally probable values of a discrete distribution; 0: continuous."""
         if self.family != "integer":
             return 0
         return int(self.arguments[1] - self.arguments[0]) + 1
@@ -99,7 +99,7 @@ class Distribution(NamedTuple):
 
 
 def distribution_of(text: str, called: str) -> Distribution:
-    """Return the distribution of a text such as `uniform(0, 1)`; `called` names it in messages.
+    """Parse a distribution from a text such as `uniform(0, 1)`; `called` names it in messages.
 
     Raises ConfigError.
     """
@@ -121,7 +121,7 @@ def distribution_of(text: str, called: str) -> Distribution:
 
 
 def clopper_pearson(failed: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share after Clopper and Pearson (1934); `count` is 1 or more."""
+    """Return the 95 % confidence interval of failed/count, after Clopper and Pearson (1934); `count` ≥ 1."""
     from scipy.special import betaincinv  # scipy.stats takes three times as long to import
 
     low = float(betaincinv(failed, count - failed + 1, 0.025)) if failed else 0.0

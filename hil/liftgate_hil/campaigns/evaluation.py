@@ -1,4 +1,4 @@
-"""Evaluation of variants in this process, one after the other: what a run costs and little else.
+"""Evaluation of variants one after the other in this process, with little overhead beyond the run itself.
 
 The loop's memory is kept from one variant to the next, scenario and vehicle are made anew only where their values
 change, and so is the state after a precondition that variants share.
@@ -44,7 +44,7 @@ GROUP = 32  # variants that are prepared together; with 16 the rest of the time 
 
 
 class Vehicles:
-    """Makes the vehicles of variants from one file; the last one is kept for the next variant.
+    """Factory of the variants' vehicles from one vehicle file; the last vehicle is cached for the next variant.
 
     A number of the body, or one of a drive that the file gives for both drives alike, is put into the loaded
     vehicle; the loader reads the whole content again for everything else, and for what it would refuse.
@@ -57,14 +57,14 @@ class Vehicles:
         self._last: tuple[Any, Vehicle] | None = None
 
     def vehicle(self, fixed: Sequence[Setting], varied: Sequence[Setting], variant: Variant) -> Vehicle:
-        """Return the vehicle with settings that are fixed and settings that vary. Raises ConfigError."""
+        """Return the file's vehicle with the fixed and the varied settings applied. Raises ConfigError."""
         key = (list(fixed), list(varied), variant)
         if self._last is None or self._last[0] != key:
             self._last = key, self._made(fixed, varied, variant)
         return self._last[1]
 
     def _parameter_for(self, setting: Setting) -> FreeParameter | None:
-        """Return the parameter that a setting's value is put into; None: the loader has to see it."""
+        """Return the parameter to set directly in a loaded vehicle; None: the setting needs the loader."""
         parameter = self._parameters.get(setting.key)
         if parameter is None or not isinstance(setting.value, int | float):
             return None
@@ -86,7 +86,7 @@ class Vehicles:
 
 
 def _parameters_of(file: VehicleFile, targets: Sequence[VariedTarget]) -> Mapping[str, FreeParameter]:
-    """Return the parameters by key of those numbers that can be put into a loaded vehicle."""
+    """Return the parameters, by key, whose numbers can be set directly in a loaded vehicle."""
     found: dict[str, FreeParameter] = {}
     sides: tuple[str, ...]
     for each in targets:
@@ -112,7 +112,7 @@ def _table(raw: Mapping[str, object], side: str, table: str) -> Mapping[str, obj
 
 
 class Row(NamedTuple):
-    """Result of a variant."""
+    """Result of one variant: a row of the campaign's result table."""
 
     verdict: str
     margins: tuple[float, ...]  # of each expectation, in its unit; NaN: undecided, or it has none
@@ -123,13 +123,13 @@ class Row(NamedTuple):
 
 
 def error_row(base: Base, error: str, wall_s: float = math.nan) -> Row:
-    """Return the row of a variant without a result."""
+    """Return the result row of a variant that could not be evaluated, with the error."""
     count = len(base.expectations)
     return Row(ERROR, (math.nan,) * count, NO_FIGURES, wall_s, error, (ERROR,) * count)
 
 
 class _Ecu(NamedTuple):
-    """The reference ECU for a vehicle's coding, and its state when it is switched on."""
+    """Reference ECU for a vehicle's coding, with its power-on state."""
 
     adapter: Adapter
     coding: Coding
@@ -137,7 +137,7 @@ class _Ecu(NamedTuple):
 
 
 class _Ready(NamedTuple):
-    """A variant before its first tick."""
+    """Variant that is ready to run: its plan, its ECU's adapter and the states at time 0."""
 
     plan: Plan
     adapter: Adapter
@@ -147,7 +147,7 @@ class _Ready(NamedTuple):
 
 @dataclass
 class _Trial:
-    """A variant on its way from its values to its row."""
+    """Variant under evaluation, from its preparation to its result row."""
 
     began: float
     judge: Judge | None = None
@@ -160,7 +160,7 @@ class _Trial:
 
 
 class Evaluator:
-    """Evaluates the variants of a base. Raises ConfigError where the base itself cannot be run."""
+    """Evaluator of a campaign's variants in this process. Raises ConfigError where the base cannot be run."""
 
     def __init__(self, base: Base, memory: Memory | None = None) -> None:
         self.base = base
@@ -190,13 +190,13 @@ class Evaluator:
         self.memory.close()
 
     def row(self, values: Sequence[float], stopped: Callable[[], bool] = lambda: False) -> Row:
-        """Return the result of the variant with these values; an error is its row's."""
+        """Evaluate the variant with these values, and return its result row; an error is stated in the row."""
         return next(self.rows([values], stopped))
 
     def rows(
         self, variants: Iterable[Sequence[float]], stopped: Callable[[], bool] = lambda: False
     ) -> Iterator[Row]:
-        """Yield the results of variants, in their order.
+        """Evaluate variants, and yield their result rows in order.
 
         All are prepared, then all run, then all judged: each of these is twice as fast with its code and data in
         the processor's caches, from which a run of machine code drives them out.
@@ -219,7 +219,7 @@ class Evaluator:
         return self._plan
 
     def _prepared(self, values: Sequence[float], stopped: Callable[[], bool]) -> _Trial:
-        """Return a variant before its first tick; it is over already where it has an error."""
+        """Prepare a variant up to its first tick; where that fails, the trial holds the error."""
         trial = _Trial(began=time.perf_counter())
         try:
             plan = self.plan(values)
@@ -261,7 +261,7 @@ class Evaluator:
         trial.spent += time.perf_counter() - began
 
     def _judged(self, trial: _Trial) -> Row:
-        """Return the row of a variant that has run."""
+        """Judge a variant that has run, and return its result row."""
         began, judge = time.perf_counter(), trial.judge
         verdicts: Sequence[Verdict] = ()
         if judge is not None:
@@ -277,7 +277,7 @@ class Evaluator:
         return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "", own)
 
     def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
-        """Return the adapter of the ECU as it is switched on; that of our own ECU is kept for the next variant."""
+        """Return the ECU's adapter in its power-on state; the reference ECU's is cached for the next variant."""
         coding = plan.setup.vehicle.coding
         if self._ecu is None or self._ecu.coding != coding:
             adapter = adapter_of(plan, self.memory, stack)
@@ -290,7 +290,7 @@ class Evaluator:
         return kept.adapter
 
     def reset(self) -> None:
-        """Empty the loop's memory for the next run."""
+        """Reset the loop's memory for the next run."""
         control = self.memory.shared.control[0]
         control.rows = control.frames = control.bits = control.sent = control.tick = control.foreign = 0
 

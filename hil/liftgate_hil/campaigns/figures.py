@@ -1,4 +1,4 @@
-"""Figures of a variant's run: the columns of a campaign's results that are no verdicts and no margins."""
+"""Key figures of a variant's run (forces, times, currents): columns of a campaign's results."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from liftgate_hil.signals import COLUMN_PLACE
 
 
 class Figures(NamedTuple):
-    """Figures of a run; NaN: it has none, as nothing was pinched or the gate did not reverse.
+    """Key figures of a run; NaN: undefined, as nothing was pinched or the gate did not reverse.
 
-    Those of a pinch are of the contact with the largest force; see `report.pinch`.
+    Figures of a pinch are of the contact with the largest force; see `report.pinch`.
     """
 
     peak_pinch_force_n: Annotated[float, Shown("N, largest pinch force; 0: nothing was pinched")]
@@ -45,18 +45,18 @@ _PLACES = [COLUMN_PLACE[name] for name in _KEPT]
 
 
 class FigureSink:
-    """Sink that keeps the columns which the figures need, in memory that serves one run after the other."""
+    """Sink of a run's rows that keeps the columns for its figures, in memory reused by the next run."""
 
     def __init__(self) -> None:
         self._columns = np.empty((len(_KEPT), 0))
         self._count = 0  # of the rows so far
 
     def begins_anew(self) -> None:
-        """Forget all rows, before the next run."""
+        """Discard all rows before the next run."""
         self._count = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Keep the columns of rows (n, ROW_WIDTH)."""
+        """Append the columns that the figures need, from rows (n, ROW_WIDTH)."""
         first, last = self._count, self._count + len(rows)
         if last > self._columns.shape[1]:
             larger = np.empty((len(_KEPT), 2 * last))
@@ -67,12 +67,12 @@ class FigureSink:
         self._count = last
 
     def figures(self) -> Figures:
-        """Return the figures of all rows so far."""
+        """Return the key figures of the run, from all rows so far."""
         return figures_of(dict(zip(_KEPT, self._columns[:, : self._count], strict=True)))
 
 
 def figures_of(columns: Mapping[str, NDArray[np.float64]]) -> Figures:
-    """Return the figures of a run's columns, (n,) each."""
+    """Compute the key figures of a run from its columns, (n,) each."""
     if not len(columns["time_s"]):
         return NO_FIGURES
     currents = np.abs(np.stack([columns["left_current_a"], columns["right_current_a"]]))

@@ -1,4 +1,4 @@
-"""A campaign file: several campaigns in parts, with one report; shipped ones are named `pack:NAME`."""
+"""Campaign file (TOML): several campaigns with one report; shipped files are named `pack:NAME`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FOLDER = f"configs/{CAMPAIGNS}"
 
 
 class CampaignTable(Record):
-    """The keys of a campaign file."""
+    """Top-level keys of a campaign file."""
 
     title: Annotated[str, Field(Text(), "title of the report")] = ""
     description: Annotated[str, Field(Text(), "what it is about")] = ""
@@ -30,7 +30,7 @@ class CampaignTable(Record):
 
 
 class PartTable(Record):
-    """The keys of one campaign, as the command's flags."""
+    """Keys of one campaign ([[part]]) in a campaign file, named like the command's flags."""
 
     name: Annotated[str, Field(Text(), "its folder in the output")]
     scenario: Annotated[str, Field(Text(), "scenario file, relative to this file, or a shipped name")]
@@ -54,7 +54,7 @@ class NamedCampaign:
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """Several campaigns with one report."""
+    """Content of a campaign file: several campaigns with one report."""
 
     path: Path
     title: str
@@ -76,9 +76,9 @@ def is_campaign_file(name: str) -> bool:
 
 
 def read_campaign_file(name: str, template: CampaignRequest) -> CampaignFile:
-    """Read a campaign file; `template` has what the command's flags say of all parts.
+    """Read a campaign file; `template` holds the command's flags, which apply to all parts.
 
-    Its samples, where there are any, and its varied names replace those of the parts. Raises ConfigError.
+    The template's samples, if any, and its varied names replace those of the parts. Raises ConfigError.
     """
     path = _path_of(name)
     issues = ConfigIssues(str(path))
@@ -100,7 +100,7 @@ def read_campaign_file(name: str, template: CampaignRequest) -> CampaignFile:
 
 
 def _is_part_of_a_name(name: str) -> bool:
-    """Whether it is the name of a shipped campaign without its prefix, or with the one of a scenario."""
+    """Whether a name is that of a shipped campaign without `pack:`, or with `pack/` in front."""
     return name.removeprefix(PACK.replace(":", "/")) in shipped_names(_FOLDER)
 
 

@@ -41,12 +41,12 @@ _GROUP = 16_384  # rows of a row group at least
 
 
 def replay_line(folder: Path | str, variant: str) -> str:
-    """Return the command that runs a variant of a campaign's folder again, with the campaign's ECU and rate."""
+    """Return the command line that runs a variant of a campaign's folder again, with the same ECU and rate."""
     return f"liftgate-hil campaign {shlex.quote(str(folder))} --replay {variant[:_SHOWN]}"
 
 
 class Folder:
-    """The folder with everything of a campaign.
+    """Output folder of a campaign: its manifest, store, results and reports.
 
     `token` is in the names of temporary files in the store, so that they tell whose they are.
     """
@@ -64,10 +64,10 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self) -> Iterator[bool]:
-        """Context in which no other campaign runs in the folder. Raises ConfigError where one does.
+        """Context that locks the folder for one campaign. Raises ConfigError where another one holds the lock.
 
-        False: its file system has no locks, so that nobody can tell. The kernel ends the claim with the process
-        that has made it, however that ends: whoever has it knows that those that had it before have ended.
+        Yields False where the file system has no locks. The kernel releases the lock when the process that took it
+        ends, however it ends: a campaign with the lock knows that those that held it before have ended.
         """
         try:
             descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
@@ -87,7 +87,7 @@ class Folder:
             close(descriptor)
 
     def _enter(self, descriptor: int) -> None:
-        """Read the tokens of the campaigns that have held the lock, and add the own one."""
+        """Read the tokens of earlier campaigns from the lock file, and append this campaign's token."""
         with contextlib.suppress(OSError):  # what is not known as a campaign's stays
             content = os.pread(descriptor, _MOST_BYTES, 0).decode("ascii", errors="replace")
             if _TOKENS.fullmatch(content):
@@ -96,16 +96,16 @@ class Folder:
 
     @property
     def ended(self) -> list[str]:
-        """Tokens of this campaign, whose temporary files are of no use at its end, and of those before it."""
+        """Tokens of this and earlier campaigns of the folder, whose temporary files may be removed."""
         return [*self._before, self.token]
 
     def tidy(self) -> None:
-        """Remove what killed processes have left of files that they were writing, at the end of a campaign."""
+        """Remove temporary files that killed processes have left in the folder."""
         remove_leftovers(self.path)
 
     @property
     def has_campaign(self) -> bool:
-        """Whether a campaign has begun here."""
+        """Whether the folder holds a campaign, that is a campaign.json."""
         return (self.path / MANIFEST).is_file()
 
     def manifest(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Folder:
         return CampaignRequest.of_kept(self.manifest().get("request"))
 
     def make_way(self, names: Iterable[str], inputs: Iterable[Path], say: Say = silent) -> None:
-        """Set aside what is in the place of files to be written and is no report of ours; `say` is told.
+        """Rename foreign files that stand in the place of output files; `say` gets a note on each.
 
         Raises ConfigError, also for one of the `inputs`.
         """
@@ -150,14 +150,14 @@ class Folder:
         self.write(MANIFEST, text.encode())
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file beside its place, and rename it. Raises StoreError."""
+        """Write a file of the folder atomically: a temporary file, then renamed. Raises StoreError."""
         try:
             write_whole(self.path / name, content)
         except OSError as error:
             raise StoreError(f"{self.path / name}: {reason_of(error)}") from error
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
-        """Write tables, in their order, as one Parquet file; return the number of rows. Raises StoreError."""
+        """Write result tables, in order, as one Parquet file; return the number of rows. Raises StoreError."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -184,7 +184,7 @@ class Folder:
         return rows
 
     def find(self, variant: str) -> dict[str, Any]:
-        """Return the row of the variant whose name begins like this. Raises ConfigError."""
+        """Return the result row of the variant whose name begins with a given text. Raises ConfigError."""
         import pyarrow.parquet as pq
 
         path = self.path / RESULTS
@@ -204,7 +204,7 @@ class Folder:
 
 
 def data_text(base: Base, counts: Mapping[str, int]) -> str:
-    """Return the description of the results for whoever uses them as data."""
+    """Return a description of the results file in Markdown, with the meaning of each column."""
     rows = "\n".join(f"| `{name}` | {meaning} |" for name, meaning in description_of(base).items())
     number = sum(counts.values())
     verdicts = ", ".join(f"{count:,} {name}" for name, count in sorted(counts.items()))

@@ -1,4 +1,4 @@
-"""Preparation of a campaign from its request, whose files are loaded and checked, and its resumption."""
+"""Preparation of a campaign: files of its request loaded and checked, and compared with one to resume."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Prepared:
 
 
 def prepared(request: CampaignRequest) -> Prepared:
-    """Load the files of a request, and check it. Raises ConfigError with all issues."""
+    """Load the files of a campaign's request, and check it. Raises ConfigError with all issues."""
     job = _job_of(request)
     plan = plan_of(job)
     if plan.ticks is None:
@@ -75,17 +75,17 @@ def prepared(request: CampaignRequest) -> Prepared:
 
 
 def units_of(found: Prepared) -> dict[str, str]:
-    """Return the unit of each varied name, in their order; "": none, or it is not known."""
+    """Return the unit of each varied name, in order; "": none, or unknown."""
     return {each.name: each.unit for each in found.space.targets}
 
 
 def inputs_of(found: Prepared) -> list[Path]:
-    """Return the files of a request, with the library of the other ECU, none of which a campaign writes."""
+    """Return the campaign's input files, the second ECU's library included, which it must not overwrite."""
     return [*found.plan.inputs, *([] if found.against is None else [Path(found.request.against or "")])]
 
 
 def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:
-    """Raise ConfigError where the scenario has no expectation of the name, or it has no margin."""
+    """Raise ConfigError where the scenario lacks the requested expectation, or this has no margin."""
     if request.expectation not in base.expectations:
         known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
@@ -123,7 +123,7 @@ def _job_of(request: CampaignRequest) -> Job:
 
 
 def ecu_of(name: str, called: str) -> tuple[str, str]:
-    """Return the ECU and the mutant of a name, see `ecu_and_mutant`. Raises ConfigError."""
+    """Return (ECU, mutant) of an ECU argument, checked; see `ecu_and_mutant`. Raises ConfigError."""
     if name == ON_A_BUS:
         raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
     ecu, mutant = ecu_and_mutant(name, called)
@@ -135,7 +135,7 @@ def ecu_of(name: str, called: str) -> tuple[str, str]:
 
 
 def absolute(request: CampaignRequest) -> CampaignRequest:
-    """Return the request with absolute paths of files, so that it holds from any folder."""
+    """Return the request with absolute file paths, so that it is valid in any working directory."""
 
     def whole(name: str | Path | None) -> str | None:
         return str(Path(name).resolve()) if name and Path(name).is_file() else None if name is None else str(name)
@@ -145,7 +145,7 @@ def absolute(request: CampaignRequest) -> CampaignRequest:
 
 
 class Pace(NamedTuple):
-    """Numbers from which the sizes of batches follow; a campaign that goes on has those that it began with."""
+    """Quantities that determine the sizes of batches; a resumed campaign keeps those of its beginning."""
 
     seconds_each: Annotated[
         float, Shown("time that a variant took in a trial before [s], from which batches are sized")
@@ -154,7 +154,7 @@ class Pace(NamedTuple):
 
 
 def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | None:
-    """Return the pace of the campaign in a folder; None: there is none yet.
+    """Return the pace of the campaign to resume in a folder; None: the folder has no campaign.
 
     Raises ConfigError where the folder has another campaign, or is not to be resumed.
     """
@@ -179,7 +179,7 @@ def pace_before(folder: Folder, found: Prepared, is_resumed: bool) -> Pace | Non
 
 
 def differences(before: Mapping[str, object], found: Prepared) -> list[str]:
-    """Return the files, packages and arguments that differ; empty: it is the same campaign."""
+    """Return the names of files, packages and arguments that differ from a manifest; empty: same campaign."""
     files, known, theirs = (_table(before.get(name)) for name in ("files", "versions", "request"))
     sources = found.plan.sources
     wrong = [name for name, each in sources.items() if _table(files.get(name)).get("sha256") != each.sha256]

@@ -1,4 +1,4 @@
-"""Replay of one variant of a campaign, compared bit by bit with what the campaign saw."""
+"""Replay of one variant of a campaign, compared bit by bit with the campaign's result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from liftgate_hil.plan.plan import plan_of
 
 @dataclass(frozen=True)
 class Replayed:
-    """A variant that was run again."""
+    """Outcome of a variant that was run again: whether it equals the campaign's result, and a text."""
 
     is_equal: bool  # to the bit with what the campaign saw
     lines: Sequence[str]  # in words
@@ -35,7 +35,7 @@ def replayed(
     record: Sequence[Path] = (),
     listener: Listener = Listener(),  # noqa: B008  # it holds nothing
 ) -> Replayed:
-    """Run a variant of the campaign in a folder as a run of its own, and compare it. Raises ConfigError."""
+    """Run a variant of the campaign in a folder again, and compare its result. Raises ConfigError."""
     folder = Folder(path)
     found = prepared(folder.request())
     if wrong := differences(folder.manifest(), found):
@@ -73,7 +73,7 @@ def replayed(
 
 
 def _columns_of(result: Result, expectations: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of results that a run of its own shows."""
+    """Return the verdicts, margins and figures of a single run, by column of a campaign's results."""
     from liftgate_hil.campaigns.figures import figures_of
 
     margins: dict[str, Any] = {}

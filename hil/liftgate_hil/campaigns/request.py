@@ -1,4 +1,4 @@
-"""Request of a campaign, in plain values; campaign.json keeps what decides its results."""
+"""Request of a campaign, in plain values; campaign.json stores those that determine its results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT_METHOD = METHODS[0]
 
 # fmt: off
 class CampaignSubject(Record, kw_only=False):
-    """Base of the request of a campaign: what is run, and what is varied."""
+    """Base class of the campaign request: its positional arguments, the scenario and what is varied."""
 
     scenario: Annotated[str | Path, Field(Text("a scenario or campaign file, or a shipped name"), "a scenario or "
         "campaign file, or a shipped name (pack:trap-matrix); with --replay the folder of a campaign",
@@ -33,7 +33,7 @@ class CampaignSubject(Record, kw_only=False):
 
 
 class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
-    """CampaignRequest of a campaign; campaign.json keeps what decides its results."""
+    """Request to run a campaign; campaign.json stores the values that determine its results."""
 
     samples: Annotated[int | None, Field(Whole(1, 10**9), "samples of the distributions", metavar="N")] = None
     method: Annotated[str | None, Field(Choice(METHODS), "how samples are drawn", "sobol")] = None
@@ -73,7 +73,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
 
     @property
     def expectation(self) -> str:
-        """Expectation of WORST and PROBABILITY; "": none."""
+        """Name of the expectation of a WORST or PROBABILITY campaign; "": none."""
         return self.worst or self.probability or ""
 
     def check(self) -> None:
@@ -88,7 +88,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
             raise ConfigError(issues)
 
     def kept(self) -> dict[str, Any]:
-        """Return what decides the results, for JSON; what is not given is as `_NOT_GIVEN` says."""
+        """Return the values that determine the results, for JSON; those not given are as in `_NOT_GIVEN`."""
         values = {**self.to_dict(), "parameters": self.parameter_values, "kind": self.kind}
         values["expectation"] = self.expectation
         found = {name: _NOT_GIVEN.get(name) if values[name] is None else values[name] for name in _KEPT}
@@ -96,7 +96,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
 
     @classmethod
     def of_kept(cls, given: Any) -> CampaignRequest:
-        """Return the request of which `kept` has written this. Raises ConfigError where it has not."""
+        """Restore a request from the values of `kept`. Raises ConfigError where they are damaged."""
         if not isinstance(given, Mapping) or set(given) != set(_KEPT):
             raise ConfigError(
                 "campaign.json: request: damaged or of another version; allowed: as this version writes it"

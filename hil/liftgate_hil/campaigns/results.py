@@ -1,4 +1,4 @@
-"""Results of a campaign as Arrow tables: a row a variant, and their Parquet files."""
+"""Results of a campaign as Arrow tables, one row per variant, and their Parquet files."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ JUDGED = "verdict."  # the same of the expectations' verdicts
 
 
 def columns_of(base: Base) -> tuple[str, ...]:
-    """Return the names of all columns, in their order."""
+    """Return the names of all columns of a campaign's results, in order."""
     varied = tuple(each.name for each in base.targets)
     margins = tuple(f"{prefix}{name}" for prefix in (JUDGED, MARGIN) for name in base.expectations)
     return VARIANT, *varied, VERDICT, *margins, *Figures._fields, WALL, ERROR
 
 
 def check_columns(base: Base) -> None:
-    """Raise ConfigError where a varied name is that of another column."""
+    """Raise ConfigError where a varied name is also the name of another result column."""
     names = columns_of(base)
     again = sorted({name for name in names if names.count(name) > 1})
     if again:
@@ -54,7 +54,7 @@ def arrow() -> Any:
 
 @contextlib.contextmanager
 def reading(path: Path) -> Iterator[BinaryIO]:
-    """Context with a stream of a file of results. Raises StoreError, which names it."""
+    """Context with a binary stream of a result file. Raises StoreError, which names the file."""
     try:
         with path.open("rb") as stream:
             yield stream
@@ -63,7 +63,7 @@ def reading(path: Path) -> Iterator[BinaryIO]:
 
 
 def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
-    """Return the table of variants with values (n, d) and their rows (n,)."""
+    """Return the Arrow table of variants with values (n, d) and result rows (n,)."""
     pa = arrow()
     margins = np.array([each.margins for each in rows], dtype=np.float64).reshape(
         len(rows), len(base.expectations)
@@ -81,13 +81,13 @@ def table_of(base: Base, values: Floats, rows: Sequence[Row]) -> pa.Table:
 
 
 def _variants(base: Base, values: Floats) -> dict[str, pa.Array]:
-    """Return the columns that say which variants (n, d) they are."""
+    """Return the columns that identify variants (n, d): their names and their varied values."""
     names = arrow().array([base.variant(each) for each in values.tolist()], arrow().string())
     return {VARIANT: names} | {each.name: _numbers(values[:, k]) for k, each in enumerate(base.targets)}
 
 
 def without_results(base: Base, values: Floats, error: str) -> pa.Table:
-    """Return the table of variants with values (n, d) that were not evaluated, with the error that says so."""
+    """Return the table of variants with values (n, d) that were not evaluated, with this error in each row."""
     pa = arrow()
     none = table_of(base, values[:0], [])
     count = len(values)
@@ -106,7 +106,7 @@ def _numbers(values: Floats) -> Any:
 
 
 def numbers_in(table: pa.Table, name: str) -> Floats:
-    """Return a column of numbers (n,), NaN where it has none."""
+    """Return a numeric column (n,) of an Arrow table, NaN for null."""
     found: Floats = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
     return found
 
@@ -118,7 +118,7 @@ _KINDS = {
 
 
 def description_of(base: Base) -> Mapping[str, str]:
-    """Return the meaning of each column."""
+    """Return the description of each result column, by name."""
     varied = {
         each.name: f"{each.unit}{', ' if each.unit else ''}varied: {_KINDS[each.kind]}" for each in base.targets
     }

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CampaignPlaces:
-    """Where a campaign runs, and where its files go."""
+    """Where a campaign runs (processes or cluster), and where its files are stored."""
 
     output: Path
     store: str = ""  # address; "": a folder of `output`
@@ -44,7 +44,7 @@ class CampaignPlaces:
 
 @dataclass(frozen=True)
 class CampaignWatcher:
-    """Who follows a campaign: it may stop it, and is told how far it is."""
+    """Callbacks of a campaign's caller: whether to stop, the progress, and messages."""
 
     stopped: Callable[[], bool] = lambda: False
     tell: Callable[[CampaignProgress], None] = lambda progress: None
@@ -54,7 +54,7 @@ class CampaignWatcher:
 # fmt: off
 @dataclass(frozen=True)
 class CampaignFigures(DescribedResult):
-    """Figures of a campaign, as campaign.json has them."""
+    """Statistics of a campaign, as in campaign.json: verdicts, numbers of variants, duration."""
 
     is_complete: Annotated[bool, Shown("false: it was stopped; `--resume` continues it")]
     variants: Annotated[int, Shown("variants in `results.parquet`")]
@@ -72,7 +72,7 @@ class CampaignFigures(DescribedResult):
 # fmt: on
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """Outcome of a campaign."""
+    """Outcome of a campaign, complete or stopped: statistics, analysis and summary."""
 
     prepared: Prepared
     folder: Folder
@@ -85,7 +85,7 @@ class CampaignOutcome:
 
     @property
     def figures(self) -> CampaignFigures:
-        """Figures for campaign.json."""
+        """Statistics of the campaign for campaign.json."""
         progress = self.progress
         return CampaignFigures(
             is_complete=self.is_complete,
@@ -106,9 +106,9 @@ NOBODY = CampaignWatcher()
 def run_campaign(
     request: CampaignRequest, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> CampaignOutcome:
-    """Run a campaign, or go on with one, and write its files.
+    """Run a campaign, or resume one, and write its files.
 
-    Raises ConfigError, StoreError, LiftgateError where no worker can run. After a stop it is not complete.
+    Raises ConfigError, StoreError, LiftgateError where no worker can run. The outcome of a stop is not complete.
     """
     if places.store.startswith("memory:"):
         raise ConfigError(f"`store` {places.store}: ends with this process; allowed: a folder, or another address")
@@ -141,7 +141,7 @@ def _run(
     provenance: Provenance,
     watcher: CampaignWatcher,
 ) -> CampaignOutcome:
-    """Run a campaign in a folder that is claimed for it."""
+    """Run a campaign in its folder, which is locked, and write its files."""
     store = Store(places.store or str(folder.path / BATCHES), folder.token)
     store.create()
     began = time.monotonic()
@@ -180,7 +180,7 @@ def _run(
 
 
 def executor_for(base: Base, places: CampaignPlaces, say: Callable[[str], None]) -> Executor:
-    """Return the executor for a base at these places. Raises ConfigError."""
+    """Return the executor for a base, on a cluster or this machine as `places` says. Raises ConfigError."""
     if places.scheduler:
         from liftgate_hil.campaigns.executors.cluster import Cluster
 
@@ -189,7 +189,7 @@ def executor_for(base: Base, places: CampaignPlaces, say: Callable[[str], None])
 
 
 def _counted(tables: Iterator[pa.Table], counts: dict[str, int]) -> Iterator[pa.Table]:
-    """Yield the tables, and count their verdicts."""
+    """Yield result tables, and count their verdicts in `counts`."""
     for table in tables:
         for each in table[VERDICT].value_counts().to_pylist():
             counts[each["values"]] = counts.get(each["values"], 0) + each["counts"]
@@ -242,7 +242,7 @@ def _report(outcome: CampaignOutcome, provenance: Provenance) -> None:
 
 
 def choice_of(found: Prepared) -> Choice:
-    """Return how the variants were chosen."""
+    """Return how the variants were chosen: by a sample, a grid or a search."""
     if found.design is None:
         return "search"
     return "sample" if found.design.is_sampled else "grid"

@@ -36,7 +36,7 @@ _SLOW = (KEY, SEED_OF_RUN, DRAW)  # what a precondition depends on
 
 
 class VariedTarget(NamedTuple):
-    """What a varied name stands for."""
+    """Target of a varied name: a parameter of the scenario, a key of the vehicle file, the seed or a draw."""
 
     name: str
     kind: str  # PARAMETER, KEY, SEED_OF_RUN or DRAW
@@ -46,18 +46,18 @@ class VariedTarget(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit of the values; "": none, or it is not known."""
+        """Unit of the varied values; "": none, or unknown."""
         if self.quantity is None:
             return self.parameter_unit
         return "" if self.quantity.unit == "1" else self.quantity.unit
 
     @property
     def key(self) -> str:
-        """The key of the vehicle file: of a coordinate that of its point."""
+        """Key of the vehicle file; for a coordinate, the key of its point."""
         return self.name.partition("[")[0]
 
     def limited(self, values: Floats) -> Floats:
-        """Return values (n,) within the range of what they are given to, as draws of [spread] are."""
+        """Return values (n,) clipped to the range of the target, as draws of [spread] are."""
         if self.quantity is None:
             return values
         quantity = self.quantity
@@ -66,7 +66,7 @@ class VariedTarget(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """A varied name with its values: those of a grid, or a distribution."""
+    """Varied name with its values: a grid, or a distribution."""
 
     target: VariedTarget
     grid: tuple[float, ...] = ()
@@ -74,12 +74,12 @@ class Axis(NamedTuple):
 
     @property
     def targets(self) -> tuple[VariedTarget, ...]:
-        """What is varied: one name."""
+        """Targets of the axis: one."""
         return (self.target,)
 
     @property
     def levels(self) -> tuple[int, ...]:
-        """Number of equally probable values; 0: it is continuous."""
+        """Number of equally probable values of the axis, as a tuple of one; 0: continuous."""
         return (len(self.grid) or (self.distribution.levels if self.distribution else 0),)
 
     def values(self, shares: Floats) -> Floats:
@@ -97,7 +97,7 @@ class Axis(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """Parameters of a vehicle with the estimates and the covariance of an identification."""
+    """Varied parameters of a vehicle, with the estimates and the covariance of an identification."""
 
     targets: tuple[VariedTarget, ...]
     means: tuple[float, ...]
@@ -105,11 +105,11 @@ class Covariance(NamedTuple):
 
     @property
     def levels(self) -> tuple[int, ...]:
-        """Zeros: all parameters are continuous."""
+        """Zero for each parameter, as all are continuous."""
         return (0,) * len(self.targets)
 
     def values(self, shares: Floats) -> Floats:
-        """Return the values (n, k) at shares (n, k) from 0 to 1 of independent normal variables."""
+        """Return parameter values (n, k), correlated, at shares (n, k) from 0 to 1 of independent variables."""
         normal = Distribution("normal", (0.0, 1.0))
         independent = np.column_stack([normal.quantiles(shares[:, k]) for k in range(len(self.targets))])
         found = np.array(self.means) + independent @ np.array(self.root).T
@@ -120,18 +120,18 @@ class Covariance(NamedTuple):
 
 
 class Space(NamedTuple):
-    """Everything that a campaign varies."""
+    """Space of a campaign: all varied names with their grids and distributions."""
 
     factors: tuple[Axis | Covariance, ...]
 
     @property
     def targets(self) -> tuple[VariedTarget, ...]:
-        """What the columns of values stand for."""
+        """Targets of the space, one for each column of values."""
         return tuple(target for each in self.factors for target in each.targets)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns of values."""
+        """Varied names, one for each column of values."""
         return tuple(each.name for each in self.targets)
 
     @property
@@ -141,11 +141,11 @@ class Space(NamedTuple):
 
     @property
     def grids(self) -> tuple[Axis, ...]:
-        """The axes with a grid."""
+        """Axes of the space that have a grid."""
         return tuple(each for each in self.factors if isinstance(each, Axis) and each.grid)
 
     def values(self, shares: Floats) -> Floats:
-        """Return the values (n, d) at shares (n, d) from 0 to 1."""
+        """Return the varied values (n, d) at points (n, d) of the unit cube."""
         found, first = [], 0
         for each in self.factors:
             count = len(each.targets)
@@ -155,7 +155,7 @@ class Space(NamedTuple):
 
 
 def space_of(texts: Sequence[str], parameters: Mapping[str, str], vehicle: Vehicle, content: Table) -> Space:
-    """Return the space of texts such as `rod=1,2`.
+    """Parse the space of a campaign from texts such as `rod=1,2`.
 
     `parameters` are those of the scenario, with their units ("": unknown), `content` is the vehicle file's. Raises
     ConfigError with all issues.
@@ -244,7 +244,7 @@ def _grid_of(given: str, text: str) -> tuple[float, ...]:
 
 
 def _check(target: VariedTarget, values: Floats, text: str) -> None:
-    """Raise ConfigError where values are not allowed."""
+    """Raise ConfigError where a varied target does not allow the values."""
     is_seed = target.kind in (SEED_OF_RUN, DRAW)
     if is_seed and not all(each % 1.0 == 0.0 and SEED.low <= each <= SEED.high for each in values.tolist()):
         raise ConfigError(f"`vary` {text}: allowed: whole numbers from {SEED.low} to {SEED.high}")
@@ -294,7 +294,7 @@ def _covariance_of(vehicle: Vehicle, content: Table) -> Covariance:
 
 
 class Design:
-    """The points of a campaign whose number is known beforehand, in the order in which they are evaluated.
+    """Design of a campaign with a known number of points: all of them, in the order of their evaluation.
 
     All combinations of the grids, each with the same `samples` of the distributions, where there are any. What the
     scenario's precondition depends on changes slowest, so that neighbours share it.
@@ -327,7 +327,7 @@ class Design:
         return bool(self._samples) or is_random
 
     def values(self, first: int, count: int) -> Floats:
-        """Return the values (n, d) of `count` points from the `first` on."""
+        """Return the values (n, d) of `count` points of the design from number `first` on."""
         place = np.arange(first, min(first + count, self.count))
         found: dict[str, Floats] = {}
         for axis in reversed(self._fast):
@@ -344,7 +344,7 @@ class Design:
 
 
 def shares_of(dimensions: int, samples: int, method: str, seed: int) -> Floats:
-    """Return samples (n, d) of the unit cube: `random`, `lhs` (Latin hypercube) or `sobol` (scrambled)."""
+    """Return sample points (n, d) in the unit cube: `random`, `lhs` (Latin hypercube) or `sobol` (scrambled)."""
     from scipy.stats import qmc
 
     generator = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Stages of a campaign: a trial; its design, search or probability; the same variants with another ECU."""
+"""Stages of a campaign: a trial; its design, worst-case search or probability; a second ECU for comparison."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _VALUES = 64  # of a grid that are tried: its ends, and some between
 
 
 class Analysis(NamedTuple):
-    """What a stage has found beside its rows."""
+    """Findings of a stage in addition to its result rows, for campaign.json and the report."""
 
     content: dict[str, Any]  # for campaign.json
     sections: Sequence[str]  # of the report
@@ -53,7 +53,7 @@ NOTHING = Analysis({}, ())
 
 
 def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
-    """Evaluate all variants of a request, but those of a design: `tables` does, as its results are written.
+    """Run the search or the probability estimate of a request; of a design only list the batches, see `tables`.
 
     Raises StoppedError, StoreError, LiftgateError.
     """
@@ -104,12 +104,12 @@ def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
 
 
 def tables(found: Prepared, campaign: Campaign) -> Iterator[pa.Table]:
-    """Return the tables of all batches, those of a design as they are evaluated. Raises as `evaluate`."""
+    """Return the result tables of all batches; a design's are evaluated now. Raises as `evaluate`."""
     return campaign.tables(campaign.asked) if found.design is None else campaign.evaluated(campaign.asked)
 
 
 def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
-    """Yield the tables of all batches; variants that were not evaluated are errors.
+    """Yield the result tables of a stopped campaign; variants that were not evaluated are error rows.
 
     Of very many, those beyond MOST_UNFINISHED are left out: their number is in campaign.json.
     """
@@ -129,7 +129,7 @@ def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
 def evaluate_against(
     found: Prepared, campaign: Campaign, folder: Folder, executor_of: Callable[[Base], Executor]
 ) -> Analysis:
-    """Evaluate the same variants with the other ECU, and compare. Raises as `evaluate`."""
+    """Evaluate the same variants with the second ECU (`against`), and compare. Raises as `evaluate`."""
     base = found.against
     assert base is not None
     executor = executor_of(base)
@@ -149,7 +149,7 @@ def evaluate_against(
 
 
 def tried(found: Prepared) -> float:
-    """Return how long a variant takes [s], by one of them; a user's ECU is not loaded into this process.
+    """Return how long a variant takes [s], measured in a trial; of a user's ECU, which is not loaded, a guess.
 
     Raises ConfigError where no variant can be made, or none with a value of a grid.
     """
@@ -165,7 +165,7 @@ def tried(found: Prepared) -> float:
 
 
 def _check(evaluator: Evaluator, space: Space) -> list[float]:
-    """Return the values of a variant that can be made, if possible the middle of the space. Raises ConfigError."""
+    """Return the values of a valid variant, if possible the middle of the space. Raises ConfigError."""
     dimensions = len(space.targets)
     shares = np.vstack([np.full((1, dimensions), 0.5), shares_of(dimensions, _POINTS, "sobol", 0)])
     points: list[list[float]] = space.values(shares)[: _POINTS if dimensions else 1].tolist()
@@ -187,7 +187,7 @@ def _check(evaluator: Evaluator, space: Space) -> list[float]:
 
 
 def _issue_of(evaluator: Evaluator, values: list[float]) -> str:
-    """Return why no variant can be made with these values; "": one can."""
+    """Return why a variant with these values is invalid; "": it is valid."""
     try:
         evaluator.plan(values)
     except ConfigError as error:
@@ -198,7 +198,7 @@ def _issue_of(evaluator: Evaluator, values: list[float]) -> str:
 
 
 def scenario_text(prepared: Prepared, values: Sequence[float], comment: str, folder: Path) -> str:
-    """Return a scenario file for a folder that runs as the variant with these values does, at the campaign's rate.
+    """Return the text of a scenario file that runs as the variant with these values, at the campaign's rate.
 
     It names other files relative to the folder, so that both can be moved together.
     """

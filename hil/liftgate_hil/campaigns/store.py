@@ -1,4 +1,4 @@
-"""Store of a campaign's results: a Parquet file a batch, named by the hash of its variants.
+"""Store of a campaign's results: one Parquet file per batch, named by the hash of its variants.
 
 A file is written beside its place and renamed, so that it is there whole or not at all, and a batch that two
 processes have evaluated is there once. Campaigns may share a store: the names of their temporary files tell whose
@@ -30,14 +30,14 @@ class StoreError(LiftgateError):
 
 
 def reason_of(error: Exception) -> str:
-    """Return what an error is of: of the system's the system's words, as libraries put their own around them."""
+    """Return the text of an error; of a system error only the system's, as libraries wrap it in their own."""
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
     return words_of(error)
 
 
 def packed(table: pa.Table) -> bytes:
-    """Return a batch's table as a Parquet file."""
+    """Return a batch's table as the bytes of a Parquet file."""
     import pyarrow.parquet as pq
 
     buffer = io.BytesIO()
@@ -46,7 +46,7 @@ def packed(table: pa.Table) -> bytes:
 
 
 def unpacked(content: bytes) -> pa.Table | None:
-    """Return the table of a Parquet file; None: the file is damaged."""
+    """Return the table from the bytes of a Parquet file; None: they are damaged."""
     import pyarrow.parquet as pq
 
     try:
@@ -56,7 +56,7 @@ def unpacked(content: bytes) -> pa.Table | None:
 
 
 class Store:
-    """Folder of batches, on this machine or at an address of fsspec. It is picklable.
+    """Folder of batch files, on this machine or at an fsspec address. It is picklable.
 
     `owner` is the token of the campaign that writes to it: `Folder.token`.
     """
@@ -79,18 +79,18 @@ class Store:
             ) from error
 
     def mark(self) -> str:
-        """Write a file by which other machines see whether they share the store, and return its name."""
+        """Write a marker file by which other machines see whether they share the store; return its name."""
         name = _beside("campaign", self._owner)
         self._write(name, b"")
         return name
 
     def unmark(self, name: str) -> None:
-        """Remove the file of `mark`."""
+        """Remove the marker file of `mark`."""
         with contextlib.suppress(Exception):
             self._remove(name)
 
     def is_shared(self, mark: str) -> bool:
-        """Whether this process sees a file of `mark`."""
+        """Whether this process sees a marker file of `mark`, and so shares the store."""
         try:
             if self._is_remote:
                 fs, path = self._remote()
@@ -118,7 +118,7 @@ class Store:
         return unpacked(content)
 
     def names(self) -> set[str]:
-        """Return the names of the batches that are there. Raises StoreError."""
+        """Return the names of all stored batches. Raises StoreError."""
         try:
             found = self._files()
         except Exception as error:
@@ -159,7 +159,7 @@ class Store:
             (Path(self.address) / name).unlink()
 
     def _write(self, name: str, content: bytes) -> None:
-        """Write a file beside its place, and rename it. Raises StoreError."""
+        """Write a file of the store atomically: a temporary file, then renamed. Raises StoreError."""
         try:
             if self._is_remote:
                 (fs, path), beside = self._remote(), _beside(name, self._owner)
@@ -172,11 +172,11 @@ class Store:
 
 
 def _beside(name: str, owner: str) -> str:
-    """Return the name of a temporary file where there are no locks; `owner` is a token without dots."""
+    """Return the name of a temporary file that contains its owner's token, which has no dots."""
     return f".{name}.{owner}.{uuid.uuid4().hex}"
 
 
 def _is_beside(name: str, owners: Collection[str]) -> bool:
-    """Whether a file is a temporary one of `_beside`, and of one of these owners."""
+    """Whether a file name is one of `_beside`, for one of these owners."""
     parts = name.split(".")
     return len(parts) > 3 and not parts[0] and parts[-2] in owners

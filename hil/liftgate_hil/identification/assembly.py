@@ -1,4 +1,4 @@
-"""The problem of a request: its measurements as data, outputs to compare, beginnings, delay, free parameters."""
+"""Identification problem of a request: data, compared outputs, initial conditions, delay, free parameters."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LEAST_STD = 1e-100  # of a prior: its weight is the square of the inverse
 def problem_of(
     request: MeasuredRequest, vehicle: Vehicle, model: str, sought: Sequence[Sought], outputs: Sequence[str]
 ) -> tuple[Problem, tuple[str, ...]]:
-    """Return the problem of a request, and notes on what was done to the data. Raises ConfigError."""
+    """Build the identification problem of a request; return it and notes on changed data. Raises ConfigError."""
     initial = cast(str, request.initial)
     measurements = measurements_of(request, vehicle, model != "full")
     angles, pauses = beginnings_of(initial, vehicle, len(measurements))
@@ -218,7 +218,7 @@ def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
 
 
 def sought_of(request: SoughtChoice, vehicle: Vehicle, wanted: Sequence[str]) -> list[Sought]:
-    """Return the free parameters, with bounds and priors. Raises ConfigError with all issues."""
+    """Return the free parameters of a request, with bounds and priors. Raises ConfigError with all issues."""
     if not wanted:
         raise ConfigError("`estimate`: missing; allowed: keys of the vehicle file, or `preset`")
     bounds = pairs(cast(tuple[str, ...], request.bounds), "bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")

@@ -45,7 +45,7 @@ def _steps(data: Sequence[Data], longest: float) -> float:
 
 
 def _coarse(data: Data, changes: Rows) -> Data:
-    """Return one experiment with few samples and few rows."""
+    """Return one experiment's data with few samples and few rows."""
     rows = data.rows
     kept = _apart(rows, np.arange(len(rows)))
     places = {
@@ -68,7 +68,7 @@ def _coarse(data: Data, changes: Rows) -> Data:
 
 
 def _apart(times: Floats, places: Rows) -> Rows:
-    """Return those of `places` in `times` that are as far apart as samples may be, and the last one."""
+    """Return the indices `places` into `times`, thinned to the coarse spacing, always with the last one."""
     if len(places) < 2:
         return places
     usual = float(np.median(np.diff(times[places])))

@@ -1,4 +1,4 @@
-"""The commands `identify` and `validate` as functions, the plan of experiments, and the files they write."""
+"""Functions of the commands `identify` and `validate` and of the plan of experiments; their output files."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def identification_of(
     command_line: str = "",
     worded: Callable[[str], str] = str,
 ) -> Identification:
-    """Return the result of an identification; `report` gets its iterations, no file is written.
+    """Run an identification, without writing files; `report` is called with each iteration.
 
     `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
     """
@@ -125,7 +125,7 @@ def identification_of(
 def validation_of(
     request: ValidateRequest, command_line: str = "", worded: Callable[[str], str] = str
 ) -> Validation:
-    """Return the comparison of a model with measurements; no file is written.
+    """Compare a model with measurements, without writing files.
 
     `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
     """
@@ -146,7 +146,7 @@ def validation_of(
 
 
 def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
-    """Return experiments by the information that they would give; no file is written. Raises ConfigError."""
+    """Rank experiments by the information that they would give, without writing files. Raises ConfigError."""
     inputs = inputs_of(request)
     check_targets({"result": request.result}, inputs.values())
     origin = provenance_of(command_line or repr(request), sources_of(inputs))
@@ -161,7 +161,7 @@ def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentP
 
 
 def write_identification(request: IdentifyRequest, result: Identification, say: Say = silent) -> list[str]:
-    """Write the files that a request names; return what could not be written, a line each."""
+    """Write an identification's output files; return the errors of those that could not be written."""
     from liftgate_hil.identification.reporting.html import identification_html
 
     def vehicle() -> None:
@@ -178,14 +178,14 @@ def write_identification(request: IdentifyRequest, result: Identification, say: 
 
 
 def write_validation(request: ValidateRequest, result: Validation, say: Say = silent) -> list[str]:
-    """Write the files that a request names; return what could not be written, a line each."""
+    """Write a validation's output files; return the errors of those that could not be written."""
     from liftgate_hil.identification.reporting.html import validation_html
 
     return _written(_fit_writers(request, result, lambda: validation_html(result), say))
 
 
 def write_plan(request: PlanRequest, result: ExperimentPlan, say: Say = silent) -> list[str]:
-    """Write the files that a request names, and tell each; return what could not be written, a line each."""
+    """Write an experiment plan's files, each reported to `say`; return the errors of those not written."""
     writers = [_json_writer(request.result, result, say)] if request.result else []
     return _written([*writers, lambda: _write_inputs(request, result, say)])
 
@@ -203,7 +203,7 @@ def _json_writer(path: str | Path, result: DescribedResult, say: Say) -> Callabl
 
 
 def _written(writers: Sequence[Callable[[], None]]) -> list[str]:
-    """Write all files that can be written; return the issues of the others."""
+    """Call all functions that write a file; return the issues of those that failed."""
     issues: list[str] = []
     for write in writers:
         try:
@@ -214,7 +214,7 @@ def _written(writers: Sequence[Callable[[], None]]) -> list[str]:
 
 
 def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> None:
-    """Write the inputs of the best sequence, and tell each file. Raises ConfigError, also for one that is read."""
+    """Write the best experiments' inputs as CSV files. Raises ConfigError, also instead of replacing an input."""
     if request.save_inputs is None:
         return
     folder, inputs = Path(request.save_inputs), [*inputs_of(request).values()]
@@ -234,7 +234,7 @@ def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> Non
 
 
 def _input_csv(planned: Candidate) -> str:
-    """Return voltage and slope of an experiment as CSV, a row where they change, which holds until the next."""
+    """Return voltage and slope of an experiment as CSV; a row for each change, valid until the next row."""
     last = len(planned.times) - 1
     rows = [k for k in range(last + 1) if k in (0, last) or planned.voltage[k] != planned.voltage[k - 1]]
     slope = f"{planned.road_slope_deg:g}"
@@ -243,7 +243,7 @@ def _input_csv(planned: Candidate) -> str:
 
 
 def _targets_of(request: MeasuredRequest) -> dict[str, str | Path | None]:
-    """Return the files that a request has written, by their arguments."""
+    """Return the output files that a request names, by argument."""
     own = request.save_vehicle if isinstance(request, IdentifyRequest) else None
     return {"result": request.result, "save_vehicle": own, "html": request.html}
 
@@ -284,7 +284,7 @@ def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float
 
 
 def _with_result(vehicle: Vehicle, source: str | Path | DescribedResult) -> Vehicle:
-    """Return the vehicle with a result's values that are identifiable, or held by a bound. Raises ConfigError."""
+    """Return the vehicle with a result's estimates that are identifiable, or at a bound. Raises ConfigError."""
     path = "a result" if isinstance(source, DescribedResult) else source
     try:
         content: Any = (
@@ -320,7 +320,7 @@ def _with_result(vehicle: Vehicle, source: str | Path | DescribedResult) -> Vehi
 
 
 def vehicle_text_of(request: IdentifyRequest, result: Identification) -> str:
-    """Return the vehicle file with the estimates. Raises ConfigError.
+    """Return the text of a vehicle file with the estimates. Raises ConfigError.
 
     What is not identifiable keeps its initial value. What a given bound holds has that bound: the others are
     estimated with it.

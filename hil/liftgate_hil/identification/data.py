@@ -31,7 +31,7 @@ _MOSTLY = 0.25  # share of unknown samples around a kept one above which it is u
 
 @dataclass(frozen=True)
 class Decimation:
-    """A linear map from an output's values in all rows to its samples."""
+    """Resampling and decimation: a linear map from an output's values in all rows to its samples."""
 
     rows: Floats  # (N,) s, timestamps of the inputs, and of the outputs before decimation
     # (K,) s, raster onto which outputs are interpolated linearly; default: they stay in the rows.
@@ -96,7 +96,7 @@ def low_passed(values: Floats, factor: int) -> Floats:
 
 @dataclass(frozen=True)
 class Data:
-    """The data of one experiment.
+    """Measured inputs and outputs of one experiment, over time.
 
     `outputs` (n,) at `times` (n,) [s] have the names of trajectory.OUTPUTS, and NaN where there is no sample;
     `inputs` have the columns rows.INPUT_COLUMNS of the plant, and each of the `rows` holds until the next one.
@@ -122,7 +122,7 @@ class Data:
 
 
 def without_end(data: Data, seconds: float) -> Data:
-    """Return the data without the samples of the last `seconds`, nor those whose filter reaches there.
+    """Return the data without the samples of the last `seconds`, and without those whose filter reaches there.
 
     What drove these samples need not be among the inputs.
     """
@@ -133,7 +133,7 @@ def without_end(data: Data, seconds: float) -> Data:
 
 
 def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Data:
-    """Return the samples from `first` to `last` (exclusive) of outputs less their `zeros`, with their inputs.
+    """Return the section of data from sample `first` to `last` (exclusive), with `zeros` subtracted from outputs.
 
     The filter of a decimation is dropped, because it reaches beyond these samples.
     """
@@ -166,7 +166,7 @@ def is_count(position: Floats, quantum: float) -> bool:
 
 
 def first_sample(values: Floats | None) -> float:
-    """Return the first finite value; NaN where there is none."""
+    """Return the first finite value of a column; NaN where there is none."""
     if values is None:
         return math.nan
     there = np.flatnonzero(np.isfinite(values))
@@ -174,7 +174,7 @@ def first_sample(values: Floats | None) -> float:
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
-    """Return inputs (n, 14) from columns; a drive without columns is driven like the other one."""
+    """Return the plant's inputs (n, 14) from columns by name; a drive without columns gets the other drive's."""
     rows = np.full((count, len(INPUT_COLUMNS)), np.nan)
     for place, name in enumerate(INPUT_COLUMNS):
         if name in columns:
@@ -205,7 +205,7 @@ def applied_voltage(data: Data, supply: float) -> Floats:
 
 
 def is_even(times: Floats) -> bool:
-    """Whether the rows are evenly spaced."""
+    """Whether timestamps are evenly spaced."""
     if len(times) < 3:
         return True
     period = (times[-1] - times[0]) / (len(times) - 1)
@@ -214,7 +214,7 @@ def is_even(times: Floats) -> bool:
 
 
 def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
-    """Return where a column has no sample near enough: inside a gap, before the first, after the last."""
+    """Return a mask of times `at` far from any sample of a column: in a gap, before the first, after the last."""
     own = times[np.isfinite(values)]
     if len(own) == 0:
         return np.ones(len(at), dtype=bool)
@@ -280,7 +280,7 @@ def _raster(data: Data, rate: float) -> Floats:
 
 
 def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
-    """Return which samples are unknown: in a gap, or so near one that the filter mostly shows the line over it."""
+    """Return a mask of unknown samples: in a gap, or so near one that the filter mostly sees interpolation."""
     rows = decimation.rows
     gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
     if decimation.factor == 1 or name in decimation.counts:

@@ -65,7 +65,7 @@ def never_driven(data: Sequence[Data]) -> list[str]:
 
 
 def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:
-    """Return a warning on data of one direction where parameters of balance and of friction are estimated.
+    """Return a warning where the gate moves in one direction, and balance and friction are both estimated.
 
     `states` are the simulated outputs (rows, 7) of each measurement at the end of the search.
     """
@@ -86,7 +86,7 @@ def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:
 
 
 def begun_in_motion(problem: Problem, point: Floats) -> list[str]:
-    """Return a warning on each measurement that was taken to begin in motion, slowly: noise may look like that.
+    """Return a warning on each measurement with a small estimated initial speed, which may be noise.
 
     `point` (p,) is the end of the search.
     """
@@ -120,9 +120,9 @@ def driven_through_gaps(data: Sequence[Data]) -> list[str]:
 
 
 def offsets_at_rest(problem: Problem) -> list[str]:
-    """Return a warning on each current that is not as at rest while the motor stands, before the first voltage.
+    """Return a warning on each motor current with an unexpected offset before the first voltage.
 
-    That is zero, or in a bus log the offset that the vehicle states for its sensor, unless this is estimated.
+    Expected is zero, or in a bus log the offset that the vehicle states for its sensor, unless this is estimated.
     """
     delay = LONGEST_DELAY if problem.is_delay_sought else max(-problem.delay, 0.0)
     is_sought = any(each.parameter.name == _STATED for each in problem.sought)
@@ -143,7 +143,7 @@ def offsets_at_rest(problem: Problem) -> list[str]:
 
 
 def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:
-    """Return the mean current [A] of a side before the first voltage; NaN: as `stated` [A] but for scatter."""
+    """Return one side's mean current [A] before the first voltage; NaN: not significantly off `stated` [A]."""
     driven = np.flatnonzero(is_driven(data))
     end = data.rows[driven[0]] - delay if len(driven) else math.inf
     current = data.outputs.get(f"{side}_current_a")
@@ -165,7 +165,7 @@ def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float
 
 
 def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[float]:
-    """Yield for each output that shows the motor's speed [rev/s] what it may be, at most, until `end` [s]."""
+    """Yield an upper limit of a motor's speed [rev/s] until `end` [s], by each output that shows it."""
     plant = plant_of(vehicle)
     for name, values in data.outputs.items():
         there = np.isfinite(values) & (data.times < end)
@@ -186,7 +186,7 @@ def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[flo
 
 
 def _fastest(times: Floats, values: Floats) -> float:
-    """Return how fast a course may change on average, at most: its slope and the error of this."""
+    """Return an upper limit of a signal's average slope: the fitted slope plus its margin of error."""
     t = times - np.mean(times)
     slope = float(t @ values) / float(t @ t)
     residual = values - np.mean(values) - slope * t
@@ -194,7 +194,7 @@ def _fastest(times: Floats, values: Floats) -> float:
 
 
 def hints(problem: Problem, point: Floats) -> list[str]:
-    """Return hints on what of a measurement may have another unit or sign than stated.
+    """Return hints on columns of a measurement that may have another unit or sign than stated.
 
     `point` (p,) is where the search has ended.
     """
@@ -203,7 +203,7 @@ def hints(problem: Problem, point: Floats) -> list[str]:
 
 
 def _without_sign(problem: Problem) -> list[str]:
-    """Return hints on outputs or inputs that are never negative although the others say that they should be."""
+    """Return hints on outputs or inputs that are never negative although other columns imply it."""
     found = [
         f"{name} has no negative values: was only its magnitude recorded?"
         for name, measured, simulated in _courses(problem, problem.initial)
@@ -223,13 +223,13 @@ def _without_sign(problem: Problem) -> list[str]:
 
 
 def _has_both(values: Floats) -> bool:
-    """Whether values of both signs are of the same order."""
+    """Whether values have both signs, with extremes of the same order."""
     least, most = float(np.min(values, initial=0.0)), float(np.max(values, initial=0.0))
     return bool(min(-least, most) > _BOTH * max(-least, most) > 0.0)
 
 
 def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
-    """Return hints on outputs that have the shape of the simulation at one of the points, and another size."""
+    """Return hints on outputs that have the simulation's shape at one of the points, but another scale."""
     found: dict[str, str] = {}
     for point in points:
         for name, measured, simulated in _courses(problem, point):
@@ -242,7 +242,7 @@ def _by_factors(problem: Problem, points: Sequence[Floats]) -> list[str]:
 
 
 def _guess(name: str, factor: float) -> str:
-    """Return which unit (ours first) or sign of an output explains a factor, as the end of a hint; "": none."""
+    """Return the end of a hint: which unit or sign of an output explains its scale factor; "": none does."""
     units: dict[float, str] = {}
     for unit, (ours, _) in spellings(KNOWN[name]).items():
         units.setdefault(ours, unit)  # the usual spelling comes first
@@ -263,7 +263,7 @@ def _is_near(factor: float, other: float) -> bool:
 
 
 def _by_other_inputs(problem: Problem) -> list[str]:
-    """Return a hint where every output follows with other inputs, and maybe outputs of the opposite sign."""
+    """Return a hint where scaled or reversed inputs, with outputs' signs reversed or not, fit all outputs."""
     before = _fits(problem, problem.initial)
     for factor, text in _INPUTS.items():
         scale = np.ones(problem.data[0].inputs.shape[1])
@@ -285,7 +285,7 @@ def _mean(fits: dict[str, tuple[float, float]]) -> float:
 
 
 def _fits(problem: Problem, point: Floats) -> dict[str, tuple[float, float]]:
-    """Return by output the better fit [%] of both signs, and that sign."""
+    """Return for each output the better fit [%] with either sign of the simulation, and that sign."""
     return {
         name: max((fit_percent(measured, sign * simulated), sign) for sign in (1.0, -1.0))
         for name, measured, simulated in _courses(problem, point)
@@ -293,7 +293,7 @@ def _fits(problem: Problem, point: Floats) -> dict[str, tuple[float, float]]:
 
 
 def _courses(problem: Problem, point: Floats) -> Iterator[tuple[str, Floats, Floats]]:
-    """Yield of each output its name, the measured and the simulated samples; nothing where the plant diverges."""
+    """Yield (name, measured samples, simulated samples) of each output; nothing where the plant diverges."""
     try:
         predicted = problem.predicted(point)
     except PlantDivergedError:

@@ -44,7 +44,7 @@ _TRIALS = 8  # steps tried by wide differences, at most
 
 @dataclass(frozen=True)
 class SearchPoint:
-    """A point of the search, and how well it predicts the measurement."""
+    """Point of the search, with its prediction, errors, weighting, loss and deviance."""
 
     point: Floats
     predicted: Floats
@@ -56,7 +56,7 @@ class SearchPoint:
 
 @dataclass(frozen=True)
 class Descent(SearchPoint):
-    """The end of a descent, or of a search of several ones."""
+    """Result of a descent, or of a search of several: its last point, history and reason to stop."""
 
     history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
@@ -64,7 +64,7 @@ class Descent(SearchPoint):
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> SearchPoint:
-    """Return the prediction at a point, with its errors, weighting, loss and deviance."""
+    """Evaluate a point: simulate it, and return it with its prediction, errors, weighting, loss and deviance."""
     predicted = problem.predicted(point)
     errors = errors_of(problem.measured, predicted)
     weighting = weighting_of(problem.measured, errors, given_std)
@@ -88,7 +88,7 @@ def descend(
     rounds: int,
     report: Report | None = None,
 ) -> Descent:
-    """Minimise until a step by central differences is negligible, or for `rounds` iterations.
+    """Minimise −2 log L from a point until the steps are negligible, or for `rounds` iterations.
 
     Slopes are reused for several steps as long as these achieve what they promise; the first ones are one-sided.
     """
@@ -136,7 +136,7 @@ def descend(
 
 
 class _Slopes(NamedTuple):
-    """Slopes and the steps taken by them, in standard deviations."""
+    """Derivatives of the prediction, with the steps taken since their computation, in standard deviations."""
 
     values: Floats  # (rows, outputs, unknowns)
     are_central: bool
@@ -144,23 +144,23 @@ class _Slopes(NamedTuple):
     last: float = math.inf  # the last of these steps
 
     def after(self, moved: float) -> _Slopes:
-        """Return the same slopes one step further on."""
+        """Return the slopes with another step, of size `moved`, recorded."""
         return self._replace(away=self.away + moved, last=moved)
 
     def are_exact(self) -> bool:
-        """Whether the slopes are as good as central ones at this point."""
+        """Whether the slopes are as exact at the present point as central differences."""
         return self.are_central and self.away <= _NEAR
 
     def are_worn(self, moved: float) -> bool:
-        """Whether a step by these slopes is not to be trusted.
+        """Whether the slopes are too old for a step of size `moved`.
 
-        Such a step is nearly as large as the one before, or too small for slopes from so far away.
+        The step is then nearly as large as the one before, or too small for slopes from so far away.
         """
         return moved > _SHRINKS * self.last or (not self.are_exact() and moved < _GOOD * self.away)
 
 
 def _fresh(problem: Problem, place: SearchPoint, moved: float) -> _Slopes:
-    """Return new slopes at a place: near the end central ones, which may be kept."""
+    """Compute slopes at a point: by central differences near the end, else one-sided."""
     if moved > _NEAR:
         return _one_sided(problem, place)
     return _central(problem, place)
@@ -182,7 +182,7 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
 def leap(
     problem: Problem, place: SearchPoint, given_std: Floats | None, widths: Floats
 ) -> tuple[SearchPoint, float]:
-    """Return (a better place, or the same one; the decrease of −log L that a step promises).
+    """Take a step by wide differences; return (the better point, or the same; the decrease of −log L promised).
 
     The step uses slopes over differences of these `widths`.
     """
@@ -200,14 +200,14 @@ def leap(
 
 
 def _compared(problem: Problem, slopes: Floats) -> Floats:
-    """Return these slopes, set to 0 where there is no sample or a prediction diverged."""
+    """Set slopes to 0, in place, where there is no sample or a prediction diverged; return them."""
     slopes[~np.isfinite(problem.measured)] = 0.0
     np.copyto(slopes, 0.0, where=~np.isfinite(slopes))
     return slopes
 
 
 def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[Floats, Floats]:
-    """Return the normal equations at a place by these slopes, priors included: matrix (n, n) and gradient (n,)."""
+    """Return the normal equations at a search point, priors included: matrix (n, n) and gradient (n,)."""
     means, inverse_std = problem.priors()
     matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
     matrix += np.diag(inverse_std**2)

@@ -43,7 +43,7 @@ class Candidate(DescribedResult):
 
 @dataclass(frozen=True)
 class Ranked(DescribedResult):
-    """A candidate and the information that it would yield."""
+    """Candidate experiment with the information that it would yield."""
 
     # of the relative information; −inf: some parameters are not identifiable
     log_det: Annotated[float, Shown("decimal logarithm of the information matrix's determinant; null: not all "
@@ -62,7 +62,7 @@ class Ranked(DescribedResult):
 
 @dataclass(frozen=True)
 class ExperimentPlan(DescribedResult):
-    """Experiments by the information that they give."""
+    """Plan of experiments: candidates ranked by their information, and the best sequence."""
 
     names: Annotated[tuple[str, ...], Shown("names of the parameters to be estimated", key="parameters")]
     ranked: Annotated[tuple[Ranked, ...], Shown("single experiments, the most informative first")]
@@ -74,7 +74,7 @@ class ExperimentPlan(DescribedResult):
 
 
 def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate]:
-    """Return steps, a chirp, a PRBS, open and close, on level ground and slopes, within the supply's voltage."""
+    """Return candidate inputs within the supply's voltage: steps, chirp, PRBS, open-close, some on slopes."""
     times = np.arange(round(duration * rate) + 1) / rate
     full = vehicle.supply.voltage
     top = math.degrees(vehicle.gate.open_angle)
@@ -137,7 +137,7 @@ def plan(
     offered: Sequence[Candidate],
     count: int = 3,
 ) -> ExperimentPlan:
-    """Rank the candidates, and choose one by one the `count` that are most informative together."""
+    """Rank the candidates, and choose one by one the `count` experiments that are most informative together."""
     root = np.diag([1.0 / noise_of(vehicle, name) for name in outputs])
     matrices = [_information(vehicle, model, sought, outputs, each, root) for each in offered]
     names = tuple(each.parameter.name for each in sought)

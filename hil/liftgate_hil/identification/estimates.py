@@ -101,7 +101,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
 
 
 def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int, str]:
-    """Return what the vehicle's checks refuse a negligible step from the estimates, by the parameters' indices."""
+    """Return an issue with the vehicle a negligible step away from the estimates, by the parameter's index."""
     found = {}
     for k in range(len(problem.sought)):
         std = math.sqrt(max(float(covariance[k, k]), 0.0))
@@ -191,7 +191,7 @@ def fixed_parameters(
 
 
 def _candidates(problem: Problem) -> Iterator[FreeParameter]:
-    """Yield the parameters that are not estimated and not zero, of both drives where they are the same."""
+    """Yield the parameters that are fixed and not zero; one for both drives where their values are equal."""
     sought = [each.parameter for each in problem.sought]
     vehicle = problem.vehicle
     whole = set()

@@ -58,7 +58,7 @@ class NothingToTellError(ValueError):
 def fitted(
     problem: Problem, report: Report | None = None, given_std: Floats | None = None, profiles: Sequence[str] = ()
 ) -> Identification:
-    """Estimate the sought parameters.
+    """Estimate the sought parameters of a problem, with their uncertainty.
 
     `given_std` is the standard deviation of the outputs' noise, where it shall not be estimated. Raises
     NothingToTellError, and ValueError where the search would begin at a vehicle that its checks refuse.
@@ -126,13 +126,13 @@ def fitted(
 
 
 def _widening(white: Floats, whole: Floats, k: int) -> float:
-    """Return by how much the variance of an estimate exceeds that of white residuals; 1 where it has none."""
+    """Return an estimate's variance divided by that for white residuals, at least 1; 1 where undefined."""
     ratio = float(whole[k, k] / white[k, k]) if 0.0 < white[k, k] < math.inf else 1.0
     return max(ratio, 1.0) if math.isfinite(ratio) else 1.0
 
 
 def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:
-    """Return the criteria of model selection of what was found."""
+    """Return the criteria of model selection (FPE, AIC, AICc, BIC) for the result of a search."""
     measured = problem.measured
     return statistics.criteria(
         found.history[-1],
@@ -146,7 +146,7 @@ def _criteria(problem: Problem, found: Descent) -> statistics.Criteria:
 def _uncertainty(
     problem: Problem, found: Descent, given_std: Floats | None
 ) -> tuple[Uncertainty, Floats, bool, float]:
-    """Return (uncertainty by the information, covariance, whether it is robust, scatter of the inputs [s])."""
+    """Return (uncertainty by the information matrix, covariance, whether it is robust, input jitter [s])."""
     _, inverse_std = problem.priors()
     root = found.weighting.root
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
@@ -182,7 +182,7 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
 
 
 def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
-    """Return the best end of a search; where there are many rows it starts from the result for few rows."""
+    """Search for the best fit; where there are many rows, start from the result of a coarse problem."""
     few = coarse_of(problem)
     if few is None:
         _check_excited(problem)
@@ -207,7 +207,7 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
 
 
 def _best(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
-    """Return the search's end, or a better one behind a kink or at another delay."""
+    """Return the search's result, or a better one behind a kink of the loss or at another delay."""
     found = past_kinks(problem, found, report, given_std)
     if problem.is_delay_sought:
         found = at_best_delay(problem, found, report, given_std)
@@ -270,7 +270,7 @@ def widened(classic: Floats, robust: Floats) -> Floats:
 
 
 def _comparable(problem: Problem) -> list[int]:
-    """Leave out outputs without samples to compare; return the others' indices. Raises NothingToTellError."""
+    """Leave out outputs with too few samples; return the indices of those kept. Raises NothingToTellError."""
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)
@@ -327,7 +327,7 @@ def _states_at(problem: Problem, point: Floats) -> list[Floats]:
 def experiments_of(
     problem: Problem, point: Floats, simulated_states: Sequence[Floats], before: Floats | None = None
 ) -> list[Experiment]:
-    """Return measured and simulated outputs of each experiment, at a point of the search and at one before.
+    """Return measured and simulated outputs of each experiment at a point, and those simulated at `before`.
 
     `simulated_states` are the outputs (rows, 7) of each at `point`.
     """

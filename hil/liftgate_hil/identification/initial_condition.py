@@ -78,7 +78,7 @@ def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]
 
 
 def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[float, float, float]:
-    """Return what `motion` does, from a speed (degree 1) or a position (2), over the first suitable window."""
+    """Return the result of `motion` from a speed (degree 1) or a position (degree 2), over a suitable window."""
     there = np.isfinite(values)
     times, values = times[there], values[there]
     if degree == 1:
@@ -96,7 +96,7 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
 
 
 def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tuple[float, float]:
-    """Return the speed at the first sample, and its margin of error.
+    """Return the speed at the first sample [rev/s], by a polynomial fit, and its margin of error.
 
     It is that of a polynomial through the first `window` seconds (ten samples at least). The next higher degree
     shows how far a drive that runs up within the window bends away from it: this adds to the margin.
@@ -113,7 +113,7 @@ def _beginning(times: Floats, values: Floats, degree: int, window: float) -> tup
 
 
 def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Return the coefficients (degree + 1,) of a polynomial through `y` (n,), and their standard deviations."""
+    """Fit a polynomial to `y` (n,); return its coefficients (degree + 1,) and their standard deviations."""
     powers = t[:, None] ** np.arange(degree + 1)
     solution, *_ = np.linalg.lstsq(powers, y, rcond=None)
     spread = float(np.sum((y - powers @ solution) ** 2)) / (len(t) - degree - 1)
@@ -122,7 +122,7 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
-    """Whether nothing moves at the first sample; with `creeps`, undriven drives must not even creep."""
+    """Whether an experiment begins at rest; with `creeps`, undriven drives must not even creep."""
     # Whether there is a voltage within the longest window from which the initial speed is estimated.
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
     share = _STILL_SHARE if creeps and not np.any(is_driven(data)[:count]) else _REST_SHARE
@@ -176,7 +176,7 @@ def beginning_of(
 
 
 def _first(data: Data, values: Floats | None) -> float:
-    """Return the median of the first samples; NaN where there is none."""
+    """Return the median of the first samples of a column; NaN where it has none."""
     if values is None or not np.any(np.isfinite(values)):
         return math.nan
     times, values = data.times[np.isfinite(values)], values[np.isfinite(values)]
@@ -215,12 +215,12 @@ def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, quantum: f
 
 
 def _latched(data: Data, angle_deg: float) -> float:
-    """Return 1.0 where the latch holds a closed gate; at other angles its command does not show its state."""
+    """Return 1.0 where the gate begins closed and held by the latch, else 0.0."""
     return 1.0 if data.inputs[0, AT.latch_released] == 0.0 and is_closed(angle_deg) else 0.0
 
 
 def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[Unknown]:
-    """Return the zeros [rev] of position counters as unknowns, where they are not known from the gate's position.
+    """Return the unknown zeros [rev] of position counters, which the gate's position does not show.
 
     That is so where the first sample is not near `place` [rev], the position at the gate's angle; and, with half a
     `quantum` [rev] as standard deviation, where the position is a Hall count, which shows it only to its edges.
@@ -248,7 +248,7 @@ def _is_stalled(vehicle: Vehicle, data: Data) -> bool:
 
 
 def _shows_place(data: Data) -> bool:
-    """Whether a position or the angle was measured."""
+    """Whether a position or the gate's angle was measured."""
     return any(
         name.endswith(("_position_rev", "angle_deg")) and bool(np.any(np.isfinite(values)))
         for name, values in data.outputs.items()

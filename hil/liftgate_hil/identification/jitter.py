@@ -41,7 +41,7 @@ _ROUNDS, _SETTLED = 6, 0.02  # iterations over Λ and σ in turn, until σ chang
 
 
 class Jitter(NamedTuple):
-    """Scatter of the timestamps, and its effect on the scores."""
+    """Scatter σ of the timestamps, and the covariance that it adds to the scores."""
 
     std: float  # σ [s]; 0: no scatter is detected
     scores: Floats  # (p, p), covariance that it adds to the scores ψᵀ Λ⁻¹ ε
@@ -50,7 +50,7 @@ class Jitter(NamedTuple):
 def jitter_of(
     problem: Problem, found: Descent, slopes: Floats, inverse_std: Floats, given_std: Floats | None
 ) -> Jitter:
-    """Return the scatter of the timestamps of the inputs' changes, from the residuals at the end of a search.
+    """Estimate the scatter of the timestamps of input changes, from the residuals at the end of a search.
 
     `slopes` (rows, outputs, p) and `inverse_std` (p,), the priors' 1/std, are in the unknowns' units, and of those
     unknowns that have an effect; `given_std` (outputs,) is that of the noise where it is known.
@@ -84,7 +84,7 @@ def jitter_of(
 
 
 class _Moves:
-    """The changes of the bus logs' inputs, and their effect on the outputs when they come at other times."""
+    """Changes of the bus logs' inputs, and the sensitivities Ψ of the outputs to the times of these changes."""
 
     def __init__(self, problem: Problem, point: Floats) -> None:
         self._problem = copy.copy(problem)
@@ -114,7 +114,7 @@ class _Moves:
         return self._problem.evaluations
 
     def each(self, changes: Sequence[Change]) -> Effects:
-        """Return Ψ of these changes."""
+        """Return the sensitivities Ψ of the outputs to the times of these changes."""
         return self._slopes([[change] for change in changes], np.ones((len(changes), 1)))
 
     def by_chance(self, count: int) -> Effects:
@@ -154,7 +154,7 @@ def _products(effects: Effects, slopes: Floats, errors: Floats, root: Floats) ->
 def _fitted(
     effects: Effects, slopes: Floats, errors: Floats, root: Floats, inverse_std: Floats
 ) -> tuple[float, Floats]:
-    """Return (σ, the remaining residuals) of the mixed model, for a given weighting."""
+    """Return the timestamps' scatter σ [s] and the remaining residuals of the mixed model at a given weighting."""
     own, cross, seen = _products(effects, slopes, errors, root)
     matrix, score = normal_equations(slopes, errors, root)
     inverse = pseudo_inverse(matrix + np.diag(inverse_std**2))
@@ -172,7 +172,7 @@ def _fitted(
 
 
 def _most_likely(values: Floats, seen: Floats) -> tuple[float, float]:
-    """Return the most likely (c, σ) of the mixed model.
+    """Return the maximum-likelihood noise factor c and scatter σ of the mixed model.
 
     `values` are the eigenvalues v of Ψᵀ Λ⁻¹ Ψ, without what the parameters explain, and `seen` is Ψᵀ Λ⁻¹ ε in
     their axes, of variance c v + σ² v²; c is above 1 where noise is correlated in time or between outputs. σ is 0

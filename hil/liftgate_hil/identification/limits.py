@@ -87,7 +87,7 @@ def step_within_limits(
 
 
 def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allowed) -> tuple[float, float]:
-    """Return adjacent shares of a way, allowed and not, between `first`, which is, and `last`, which is not."""
+    """Bisect along a way from `start`; return adjacent shares of the way, the first allowed, the second not."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (first + last)
         if allowed(start + middle * way):
@@ -98,7 +98,7 @@ def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allow
 
 
 def _cut(step: Floats, sizes: Floats, allowed: Allowed) -> Cut | None:
-    """Return the half-space before the limit that a step meets first; None where the limit has no slope.
+    """Return the half-space in front of the first limit along a step; None where the limit has no slope.
 
     Let t(x) be the share of the step from x to the limit. To first order t(x) = t(0) + slope · x, and what is
     allowed is t(x) ≥ 0.
@@ -120,7 +120,7 @@ def _cut(step: Floats, sizes: Floats, allowed: Allowed) -> Cut | None:
 
 
 def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -> float | None:
-    """Return the share of the step from `aside` to the limit, which may lie behind; None where none is near."""
+    """Return the share of the step, begun at `aside`, at which it meets the limit; None where it does not."""
     reach = _ASIDE
     for _ in range(_DOUBLINGS):
         first, last = share - reach, share + reach
@@ -148,7 +148,7 @@ def _within_cuts(matrix: Floats, gradient: Floats, low: Floats, high: Floats, cu
 
 
 def _weight(weights: Floats, k: int, cut: Cut, bent: Callable[[], Floats]) -> float:
-    """Return the least weight of a half-space, given the others' weights, that keeps the step within it."""
+    """Return the least multiplier of half-space `k`, given those of the others, that keeps the step within it."""
 
     def exceeds(weight: float) -> bool:
         weights[k] = weight

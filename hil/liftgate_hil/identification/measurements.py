@@ -28,7 +28,7 @@ _MARGIN_DEG = 0.5  # distance from seal and end stops
 
 
 def files_of(request: MeasuredRequest) -> tuple[Path, ...]:
-    """Return the files of a request that was validated."""
+    """Return the measurement files of a validated request."""
     return cast(tuple[Path, ...], request.files)
 
 
@@ -81,7 +81,7 @@ def _travel(vehicle: Vehicle) -> tuple[float, float]:
 def _conditioned(
     measurement: Measurement, request: MeasuredRequest, vehicle: Vehicle, cut: tuple[float, float] | None
 ) -> Measurement:
-    """Return the requested part of a measurement, checked. Raises ConfigError."""
+    """Return the requested section of a measurement, conditioned and checked. Raises ConfigError."""
     if vehicle.drives == 1:
         columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
         measurement = replace(measurement, columns=columns)
@@ -108,7 +108,7 @@ def _raise_if_any(issues: list[str]) -> None:
 
 
 def inputs_of(request: ModelChoice) -> dict[str, Path]:
-    """Return the files that a request names, none of which is written, by purpose."""
+    """Return the input files of a request by purpose, which outputs must not overwrite."""
     files: dict[str, Path] = {}
     measured = files_of(request) if isinstance(request, MeasuredRequest) else ()
     if isinstance(request, MeasuredRequest):

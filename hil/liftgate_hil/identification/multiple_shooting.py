@@ -53,7 +53,7 @@ def in_segments(problem: Problem) -> Problem | None:
 
 
 def _edges(data: Data) -> list[tuple[int, int]]:
-    """Return first and last row (exclusive) of each segment, of all or of some evenly spread."""
+    """Return (first, last) row of each segment, last exclusive; of many segments an evenly spread selection."""
     edges, first = [], 0
     while first < len(data.times) - 2:
         last = int(np.searchsorted(data.times, data.times[first] + _LENGTH))
@@ -75,7 +75,7 @@ def _zero(problem: Problem, number: int, name: str) -> float:
 
 
 def _path(problem: Problem, plant: Plant, number: int, data: Data) -> tuple[Floats, Floats, Floats] | None:
-    """Return the measured left position, right position and speed (n,) each, smoothed."""
+    """Return the smoothed (left position, right position, speed), (n,) each; None where none was measured."""
     found = {}
     for side in ("left", "right"):
         position = data.outputs.get(f"{side}_position_rev")

@@ -100,11 +100,11 @@ class Problem:
                 self._compare_edges(column)
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
-        """Return the same problem for other data; `changes` are fields that go with them."""
+        """Return a copy of the problem with other data; `changes` are further fields to replace."""
         return replace(self, data=data, angle_deg=None, evaluations=0, **changes)
 
     def leave_out_few(self) -> list[int]:
-        """Leave out outputs with fewer than two samples to compare; return the indices of the others.
+        """Leave out outputs with fewer than two samples to compare; return the indices of those kept.
 
         So few samples do not determine the noise of an output.
         """
@@ -174,7 +174,7 @@ class Problem:
         return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
 
     def refusals(self, point: Floats) -> Sequence[str]:
-        """Return what the checks of `refused_by` find wrong with the vehicle at a point, one line each."""
+        """Return the issues with the vehicle at a point, by the checks of `refused_by`, one line each."""
         return self.refused_by(self.vehicle_at(point)) if self.sought else []
 
     def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
@@ -186,7 +186,7 @@ class Problem:
         return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
 
     def on_all_cpus(self, simulate: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Return `simulate` of each item, in their order, computed by threads on all CPUs.
+        """Call `simulate` with each item in threads on all CPUs; return the results in order.
 
         `simulate` calls `prediction`. Machine code that is missing is compiled beforehand, in the calling thread,
         where an interrupt (Ctrl-C) ends the compilation.
@@ -199,7 +199,7 @@ class Problem:
         return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
 
     def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """Return what `predicted` does, for functions that `on_all_cpus` calls; evaluations are not counted."""
+        """Return the prediction as `predicted` does, uncounted, for calls from functions of `on_all_cpus`."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         parts = []
@@ -299,7 +299,7 @@ class Problem:
         return self._slopes(slope, len(point))
 
     def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
-        """Return the slope (rows, outputs) between points that differ in value k; `predicted` is at `below`."""
+        """Return the slope (rows, outputs) between points that differ in value k; `predicted` is for `below`."""
         slope = self.prediction(above)
         with np.errstate(invalid="ignore", over="ignore"):  # predictions may have diverged
             slope -= predicted

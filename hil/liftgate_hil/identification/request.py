@@ -73,7 +73,7 @@ class ByName(NamedTuple):
     invalid: tuple[str, ...] = ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """Return them as texts, NAME=NUMBER or NAME=NUMBER:NUMBER; an issue where they are neither."""
+        """Return the numbers as texts NAME=NUMBER or NAME=NUMBER:NUMBER; add an issue if they are invalid."""
         if not isinstance(value, Mapping):
             return Texts(self.allowed).read(issues, key, value)
         plain = {name: each.tolist() if hasattr(each, "tolist") else each for name, each in value.items()}
@@ -91,7 +91,7 @@ class Words(NamedTuple):
     invalid: str = ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the text; an issue where it is none."""
+        """Return the value as one text with commas; add an issue if it is invalid."""
         parts = value if isinstance(value, list) else [value]
         if not parts or not all(isinstance(each, str) or _is_number(each) for each in parts):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
@@ -100,12 +100,12 @@ class Words(NamedTuple):
 
 
 class Angles:
-    """Kind of value: the lower and the upper of two gate angles [deg], as a text LOW:HIGH or a pair."""
+    """Kind of value: a range of gate angles [deg], as a text LOW:HIGH or a pair."""
 
     allowed, invalid = "LOW:HIGH, -360 to 360 degrees", (math.nan, math.nan)
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[float, float]:
-        """Return both angles; NaN and an issue where they are none."""
+        """Return the lower and the upper angle [deg]; add an issue, and return NaN, if they are invalid."""
         parts = value.split(":") if isinstance(value, str) else value
         low, high = self.invalid
         if isinstance(value, str) or (isinstance(value, list | tuple) and all(map(_is_number, value))):
@@ -131,7 +131,7 @@ class IdentifiedFile:
 
 
 class ModelChoice(VehicleChoice):
-    """Base of the requests that concern a model of a vehicle."""
+    """Base class of the requests that choose a vehicle, its model and the outputs to compare."""
 
     model: Annotated[str | None, Field(Choice(MODEL_NAMES), "full: the whole plant; third-order: the thesis's "
         "model (4.1-4.13); second-order: that without inductance", "full")] = None
@@ -140,14 +140,14 @@ class ModelChoice(VehicleChoice):
 
 
 class MeasuredFiles(Record, kw_only=False):
-    """Base of the requests that read measurements."""
+    """Base class of the requests that read measurements: the files, as a positional argument."""
 
     files: Annotated[str | Path | Sequence[str | Path], Field(Paths(), f"measurements: "
         f"{', '.join(WITH_ROWS)}, or a bus log {' '.join(WITH_FRAMES)}", metavar="FILE")]
 
 
 class MeasuredRequest(MeasuredFiles, MapRequest, ModelChoice):
-    """Base of the requests that compare a model with measurements."""
+    """Base class of the requests that compare a model with measurements."""
 
     rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = "liftgate"
     recording_channel: RecordingChannel = None
@@ -178,7 +178,7 @@ class MeasuredRequest(MeasuredFiles, MapRequest, ModelChoice):
 
 
 class SoughtChoice(ModelChoice):
-    """Base of the requests that concern parameters to be estimated."""
+    """Base class of the requests that choose parameters to be estimated."""
 
     estimate: Annotated[tuple[str, ...], Field(Names(), "parameters to estimate: keys of the vehicle file, e.g. "
         "motor.resistance,gear.backlash (repeatable)", metavar="LIST")] = ()
@@ -193,7 +193,7 @@ class SoughtChoice(ModelChoice):
 
 
 class IdentifyRequest(SoughtChoice, MeasuredRequest):
-    """Request to identify parameters."""
+    """Request to identify parameters of a vehicle from measurements."""
 
     noise: Annotated[tuple[str, ...] | Mapping[str, float], Field(ByName("OUTPUT=STD"), "standard deviation of "
         "the noise of current, speed, position or angle, in the column's unit (repeatable)", "estimated",
@@ -223,7 +223,7 @@ class ValidateRequest(MeasuredRequest):
 
 # fmt: on
 def pairs(given: Sequence[str], name: str, form: str) -> dict[str, tuple[float, float]]:
-    """Return the numbers of `NAME=A:B` texts by their names. Raises ConfigError."""
+    """Parse `NAME=A:B` texts into pairs of numbers by name. Raises ConfigError."""
     found: dict[str, tuple[float, float]] = {}
     for text in given:
         key, equals, numbers = (part.strip() for part in text.partition("="))

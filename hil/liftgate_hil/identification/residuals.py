@@ -58,7 +58,7 @@ class Frame(NamedTuple):
 
 
 def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None) -> Series:
-    """Return the series of one output, from columns with a row for each time, without rows that have no sample."""
+    """Return the series of one output from columns with a row for each time, without rows that have no sample."""
     there = np.isfinite(measured)
     y, model = measured[there], simulated[there]
     errors = y - model
@@ -92,7 +92,7 @@ def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, be
 
 
 def speed_series(output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None) -> Series:
-    """Return the speed of a drive of which only the position was measured, as a series.
+    """Return a drive's speed as a series, where only its position was measured.
 
     It consists of the slopes of the measured and of the simulated position, computed alike.
     """

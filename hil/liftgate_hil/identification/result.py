@@ -25,7 +25,7 @@ Figure = TypeVar("Figure")
 
 @dataclass(frozen=True)
 class Estimate(DescribedResult):
-    """The estimate of one parameter or initial state."""
+    """Estimate of one parameter or initial state."""
 
     name: str  # as in the vehicle file: "motor.resistance"
     symbol: Annotated[str, Shown("symbol in the equations")]
@@ -44,13 +44,13 @@ class Estimate(DescribedResult):
 
     @property
     def shown_std(self) -> float:
-        """The standard deviation, for people; NaN at a bound of the search, where it means nothing."""
+        """Standard deviation to be displayed; NaN at a bound of the search, where it has no meaning."""
         return math.nan if self.is_at_bound else self.std
 
     @property
     def relative_error(self) -> Annotated[float, Shown("`std` divided by the size of `value`: 0.01 is 1 %; null: "
             "unknown")]:
-        """The standard deviation relative to the value; NaN: unknown."""
+        """Standard deviation relative to the value; NaN: unknown."""
         return relative_error(self.value, self.std) / 100.0
 
 
@@ -158,7 +158,7 @@ class Experiment(DescribedResult):
     @property
     def whiteness(self) -> Annotated[Mapping[str, Series], Shown("whether the residuals are noise, by output",
             names=("COLUMN",), meanings=("residual of an output",))]:
-        """Residuals by output."""
+        """Series of measured and simulated samples with residual tests, by output."""
         return {each.output: each for each in self.series}
 
 
@@ -178,7 +178,7 @@ class LikelihoodProfile(DescribedResult):
 
 @dataclass(frozen=True)
 class FixedParameter(DescribedResult):
-    """A parameter of the vehicle that is not estimated, and what depends on its value, by linear theory."""
+    """Parameter of the vehicle that is not estimated, and the effect of its value, by linear theory."""
 
     name: str
     value: Annotated[float, Shown("its value")]
@@ -232,7 +232,7 @@ class Validation(DescribedResult):
     @property
     def maximum(self) -> Annotated[Mapping[str, float], _by_output("largest error, by output",
             "in the column's unit; null: unknown")]:
-        """Largest absolute error by output; NaN where one of them is."""
+        """Largest absolute error by output; NaN where that of any experiment is."""
         return _over_all(self.experiments, lambda rows: float(np.max([each.maximum for each in rows])))
 
     @property
@@ -354,7 +354,7 @@ def _mean(rows: Sequence[Series]) -> float:
 
 
 def _rms(parts: Sequence[tuple[float, int]]) -> float:
-    """Return the root mean square of all parts (rms, samples) together."""
+    """Return the root mean square of several series together, from (rms, number of samples) of each."""
     samples = sum(count for _, count in parts)
     if not samples:
         return math.nan

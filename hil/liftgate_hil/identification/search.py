@@ -1,4 +1,4 @@
-"""Search for the most likely point from an initial one, past neighbouring minima, at other delays; the profile."""
+"""Search for the most likely point, past neighbouring minima and at other delays; profile likelihood."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _from(
 def past_kinks(
     problem: Problem, found: Descent, report: Report | None = None, given_std: Floats | None = None
 ) -> Descent:
-    """Return the search's end, or a better one that lies behind a kink.
+    """Return the search's result, or a better one that lies behind a kink of the loss.
 
     When the gate falls through its drives' play the loss has neighbouring minima, a few dozen standard deviations
     apart: each belongs to another time at which a tooth strikes. Slopes over so wide a difference see past them;
@@ -76,14 +76,14 @@ def past_kinks(
 
 
 def better(found: Descent, other: Descent) -> Descent:
-    """Return the more likely end of two searches; the history of `other` continues that of `found`."""
+    """Return the more likely of two searches' results; the history of `other` continues that of `found`."""
     if found.deviance <= other.deviance:
         return found
     return replace(other, history=(*found.history, *other.history[1:]))
 
 
 def at_best_delay(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
-    """Return the search's end, or that of another search from a delay at which the loss is less.
+    """Return the search's result, or that of another search from a delay at which the loss is less.
 
     The loss at other delays assumes that all other unknowns follow to first order. Where a change of the inputs
     falls on a sample, the loss has a kink that may hold a search.
@@ -100,7 +100,7 @@ def at_best_delay(problem: Problem, found: Descent, report: Report | None, given
 
 
 def _best_about(problem: Problem, found: Descent, given_std: Floats | None) -> tuple[float, Floats]:
-    """Return (the least loss at other delays, the point at which it occurs)."""
+    """Return (the least loss at other delays near the result, the point at which it occurs)."""
     low, high = problem.bounds
     root, slopes = found.weighting.root, found.slopes[:, :, :-1]
     _, inverse_std = problem.priors()
@@ -164,7 +164,7 @@ def profile(
 
 
 def _crossing(values: Floats, deviances: Floats, side: int) -> float:
-    """Return where the deviance passes the 95 % quantile of χ²(1) on one side; NaN: not within the range."""
+    """Return the value at which the deviance passes the 95 % quantile of χ²(1) on one side; NaN: out of range."""
     limit = 3.841
     middle = int(np.argmin(deviances))
     rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)

@@ -54,13 +54,13 @@ def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floa
 
 
 def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
-    """Return M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
+    """Return the information matrix Σ ψᵀ Λ⁻¹ ψ (p, p), priors included; ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
     matrix, _ = normal_equations(slopes, np.zeros(slopes.shape[:2]), root)
     return matrix + np.diag(inverse_std**2)
 
 
 def uncertainty(matrix: Floats) -> Uncertainty:
-    """Return the uncertainty that follows from an information matrix."""
+    """Return the covariance of all unknowns, and the undetermined unknowns, from an information matrix."""
     size = np.sqrt(np.diag(matrix))
     loud = size > 0.0
     silent = tuple(int(k) for k in np.flatnonzero(~loud))
@@ -92,7 +92,7 @@ def pseudo_inverse(matrix: Floats) -> Floats:
 
 
 def _together(projector: Floats) -> list[list[int]]:
-    """Return groups of unknowns that the directions without information mix, by the projector onto these."""
+    """Return groups of inseparable unknowns, from the projector onto the directions without information."""
     share = np.diag(projector)
     groups: list[list[int]] = []
     for k in (int(each) for each in np.flatnonzero(share > _PART * np.max(share, initial=0.0))):
@@ -131,7 +131,7 @@ def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Fl
 
 
 def _window_sums(values: Floats, width: int) -> Floats:
-    """Return sums (n + width − 1, p) over `width` rows, the first and last ones over the rows there are.
+    """Return sums (n + width − 1, p) over a moving window of `width` rows, which is cut off at both ends.
 
     Their products add up to those of the rows at all lags, weighted by Bartlett's kernel, at a cost that does not
     grow with the width.
@@ -214,7 +214,7 @@ def _bandwidth(series: Sequence[Floats]) -> int:
 
 
 def mean_std(values: Floats) -> float:
-    """Return the standard deviation of a mean, with the correlation of its values in time (Newey and West)."""
+    """Return the standard deviation of the mean of values that are correlated in time (Newey and West)."""
     centred = (values - np.mean(values))[:, None]
     width = min(_bandwidth([centred]), len(centred) - 1) + 1
     sums = _window_sums(centred, width)
@@ -233,7 +233,7 @@ def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
 
 
 def _product(a: Floats, b: Floats) -> float:
-    """Return Σ a b; not by BLAS, whose threads cost more than they save here."""
+    """Return the scalar product Σ a b, without BLAS, whose threads would cost more than they save."""
     return float(np.einsum("n,n->", a, b))
 
 
@@ -271,9 +271,9 @@ def is_white(errors: Floats, lags: int = LAGS) -> bool:
 
 
 def factor_between(measured: Floats, simulated: Floats, alike: float) -> float | None:
-    """Return by which factor a measured course differs from a simulated one; None where it is none of that.
+    """Return the scale factor of a measured signal relative to a simulated one; None: not just scaled.
 
-    The courses correlate by more than `alike`, about zero and about their means, and have nearly the same factor
+    The signals correlate by more than `alike`, about zero and about their means, and have nearly the same factor
     in both cases: an offset is no scale.
     """
     whole = _factor(measured, simulated, alike)
@@ -284,7 +284,7 @@ def factor_between(measured: Floats, simulated: Floats, alike: float) -> float |
 
 
 def _factor(measured: Floats, simulated: Floats, alike: float) -> float | None:
-    """Return the factor, by least squares, of two courses that correlate about zero; None where they do not."""
+    """Return the least-squares scale factor of two signals that correlate about zero; None: they do not."""
     across, power = _product(measured, simulated), _product(simulated, simulated)
     is_alike = abs(across) > alike * math.sqrt(power * _product(measured, measured)) > 0.0
     return across / power if is_alike else None
@@ -323,7 +323,7 @@ def criteria(loss: float, deviance: float, samples: int, rows: int, unknowns: in
 
 
 def correlation_of(covariance: Floats) -> Floats:
-    """Return the correlation matrix; NaN where a variance is not finite."""
+    """Return the correlation matrix of a covariance; NaN where a variance is not finite."""
     std = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         result: Floats = covariance / np.outer(std, std)
@@ -331,7 +331,7 @@ def correlation_of(covariance: Floats) -> Floats:
 
 
 def named(groups: Sequence[Sequence[int]], names: Sequence[str]) -> list[str]:
-    """Return a sentence for each group that cannot be separated; single unknowns are reported elsewhere."""
+    """Return a sentence on each group of inseparable unknowns; single unknowns are reported elsewhere."""
     return [
         f"{', '.join(names[k] for k in group[:-1])} and {names[group[-1]]} cannot be separated"
         for group in groups

@@ -61,7 +61,7 @@ class UnwantedError(Exception):
 
 
 def on_all_cpus(function: Callable[[Item], Result], items: Sequence[Item], rows: int) -> list[Result]:
-    """Return `function` of each item, in their order, computed by threads on all CPUs.
+    """Call `function` with each item in threads on all CPUs; return the results in order.
 
     `rows` is the number of rows of one simulation, which limits how many run at a time. An exception of
     `function`, or an interrupt of the caller, ends all of them.
@@ -91,7 +91,7 @@ def _cpus() -> int:
 
 
 class Start(NamedTuple):
-    """The beginning of a trajectory."""
+    """Initial condition of a trajectory: currents, speed, position, angle and temperatures."""
 
     balanced: float  # 1.0: the gate is where its drives hold it; 0.0: cold, at rest, drives in mid-play
     latched: float
@@ -129,7 +129,7 @@ def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: f
 
 @compilable
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
-    """Return the torque [N m] on a gate that moves with its drives, at an angle: it falls as the angle grows."""
+    """Return the net torque [N m] on a gate that moves with its drives, at an angle; it falls as this grows."""
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
     state = moving_state(plant.latch, start, angle, rate, load.ambient_temperature)
     share = start.speed / (abs(start.speed) + _CREEP)
@@ -152,7 +152,7 @@ def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
 
 @compilable
 def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
-    """Return the state in which a trajectory begins."""
+    """Return the plant's initial state of a trajectory, for a start and a model."""
     ambient = plant.environment.ambient_temperature
     if start.balanced == 0.0:
         state = initial.initial_state(plant, start.angle, start.latched)
@@ -168,7 +168,7 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
 
 @compilable
 def keep(kept: Floats, state: State, left: float, right: float) -> None:
-    """Store a state, and the currents that the sensors show, for the next stretch."""
+    """Store the plant's state and the sensors' currents in `kept`, for the next call of `run`."""
     fill(kept, _AT_LEFT, state.left)
     fill(kept, _AT_RIGHT, state.right)
     kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
@@ -179,7 +179,7 @@ def keep(kept: Floats, state: State, left: float, right: float) -> None:
 
 @compilable
 def state_in(kept: Floats) -> State:
-    """Return the stored state."""
+    """Return the plant's state that `keep` has stored."""
     return State(
         picked(kept, _LEFT),
         picked(kept, _RIGHT),
@@ -205,7 +205,7 @@ class Simulated(NamedTuple):
 
 @compilable
 def put_outputs(simulated: Simulated, state: State, currents: tuple[float, float], out: Floats) -> None:
-    """Fill a row `out` (7,) with OUTPUTS; `currents` [A] are those behind the sensors' filter."""
+    """Fill a row `out` (7,) with the OUTPUTS of a state; `currents` [A] have passed the sensors' filter."""
     plant, sensors = simulated.plant, simulated.sensors
     out[0] = sensors.current_gain * currents[0] + sensors.current_offset
     out[1] = sensors.current_gain * currents[1] + sensors.current_offset
@@ -221,7 +221,7 @@ def put_outputs(simulated: Simulated, state: State, currents: tuple[float, float
 
 @compilable
 def run(simulated: Simulated, times: Floats, rows: Floats, out: Floats, kept: Floats) -> None:
-    """Fill `out` (n, 7) with OUTPUTS at `times`; the currents are those that the sensors show.
+    """Simulate some steps; fill `out` (n, 7) with OUTPUTS at `times`, the currents as the sensors show them.
 
     The sensors have a filter, a gain and an offset. The function returns after _STRETCH steps and must be called
     again until `kept` states that all rows are done, because it cannot be interrupted while it runs.
@@ -276,7 +276,7 @@ def trajectory(
     rows: Floats,
     longest: float,
 ) -> Floats:
-    """Return OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds.
+    """Simulate with inputs `rows` (n, 14), steps of at most `longest` seconds; return OUTPUTS (n, 7) at `times`.
 
     Raises UnwantedError in a worker whose result is no longer needed.
     """

@@ -34,7 +34,7 @@ _ABOVE = 60.0  # deviance above the least so far at which a valley ends
 def past_dents(
     problem: Problem, found: Descent, report: Report | None = None, given_std: Floats | None = None
 ) -> Descent | None:
-    """Return a deeper minimum than the search's end, along one of the longest directions; None: not found."""
+    """Return a deeper minimum than the search's result, along a valley of the loss; None: not found."""
     if problem.model != "full" or not problem.sought:
         return None
     _, inverse_std = problem.priors()
@@ -54,7 +54,7 @@ def past_dents(
 def _valley(
     problem: Problem, found: Descent, leading: int, pace: float, report: Report | None, given_std: Floats | None
 ) -> Iterator[Descent]:
-    """Yield places along a valley to either side of a minimum, a `pace` of the parameter `leading` apart."""
+    """Yield search results along a valley to either side of a minimum, a `pace` of parameter `leading` apart."""
     yield found
     low, high = (float(each[leading]) for each in problem.bounds)
     least = found.deviance
@@ -73,7 +73,7 @@ def _valley(
 
 
 def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | None) -> Iterator[SearchPoint]:
-    """Yield places along the longest directions where the loss is far below what the minimum's curvature says."""
+    """Yield points on the covariance's longest axes where the loss is far below the prediction by curvature."""
     for direction in _longest(problem, pseudo_inverse(matrix)):
         for far in (sign * each for each in _REACH for sign in (-1.0, 1.0)):
             place = _adjusted(problem, found, far * direction, matrix @ direction, given_std)
@@ -82,7 +82,7 @@ def _flat(problem: Problem, found: Descent, matrix: Floats, given_std: Floats | 
 
 
 def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
-    """Return the longest axes (n,), one σ each, of the parameters' covariance relative to sizes; others follow."""
+    """Return the longest axes (n,) of the parameters' scaled covariance, one σ each; other unknowns follow."""
     count = len(problem.sought)
     scale = problem.sizes[:count]
     own = covariance[:count, :count] / np.outer(scale, scale)
@@ -99,7 +99,7 @@ def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
 def _adjusted(
     problem: Problem, found: Descent, step: Floats, across: Floats, given_std: Floats | None
 ) -> SearchPoint | None:
-    """Return the place a `step` from a minimum after the unknowns have adjusted `across` it; None: not allowed."""
+    """Return the point a `step` from a minimum, adjusted orthogonally to `across`; None: it is not allowed."""
     low, high = problem.bounds
     point = found.point + step
     place = None
@@ -116,7 +116,7 @@ def _adjusted(
 
 
 def _across(problem: Problem, found: Descent, place: SearchPoint, across: Floats) -> Floats:
-    """Return the Gauss-Newton step (n,) at a place, by the minimum's slopes, that is orthogonal to `across`."""
+    """Return the Gauss-Newton step (n,) from a point that is orthogonal to `across`, by the minimum's slopes."""
     matrix, gradient = equations_at(problem, place, found.slopes)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
     count = len(scale)

@@ -39,13 +39,13 @@ class Weighting:
 
 
 def is_whole(measured: Floats) -> bool:
-    """Whether the outputs are sampled together: where one of them has a sample, all have one."""
+    """Whether all outputs are sampled together: where one of them has a sample, all have one."""
     there = np.isfinite(measured)
     return bool(np.all(there[np.any(there, axis=1)]))
 
 
 def sampled_rows(measured: Floats) -> int:
-    """Return the number of rows with a sample."""
+    """Return the number of rows with a sample of any output."""
     return int(np.sum(np.any(np.isfinite(measured), axis=1)))
 
 

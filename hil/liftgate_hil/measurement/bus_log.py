@@ -38,24 +38,24 @@ _LONGEST_NS = 10**18  # 32 years: a longer file is no log
 
 @dataclass(frozen=True)
 class Track:
-    """Quantity over time, decoded from frames: times [ns], and values, NaN where it went stale."""
+    """Quantity over time, decoded from frames: times [ns], and values, NaN where its message went stale."""
 
     times: NDArray[np.int64]
     values: Floats
 
     def held(self, at: NDArray[np.int64], before: float) -> Floats:
-        """Return the last value at each of these times; `before` where there is none yet."""
+        """Return the last value at each of the times `at` [ns]; `before` where there is none yet."""
         index = np.searchsorted(self.times, at, side="right") - 1
         return np.where(index >= 0, self.values[np.maximum(index, 0)], before)
 
     def without_stale(self) -> Track:
-        """Return the track with its samples only."""
+        """Return the track without the NaN values at which its message went stale."""
         there = np.isfinite(self.values)
         return Track(self.times[there], self.values[there])
 
 
 def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOptions = AS_IT_IS) -> Measurement:
-    """Read the measurement in a bus log. Raises ConfigError."""
+    """Read a bus log as a measurement, decoded by a rig. Raises ConfigError."""
     rig = replace(
         rig,
         inputs=tuple(wire for wire in rig.inputs if wire.quantity in (*_COMMANDS, *_PANEL)),
@@ -95,7 +95,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOpt
 
 
 def unwrapped(values: Floats, span: float) -> Floats:
-    """Return a counter that wraps around at `span` without its jumps; span 0: it never wraps."""
+    """Return a counter that wraps around at `span` without its jumps; span 0: it does not wrap."""
     if span <= 0.0 or len(values) == 0:
         return values
     steps = np.diff(values)
@@ -105,7 +105,7 @@ def unwrapped(values: Floats, span: float) -> Floats:
 
 
 def span_of(rig: Rig, wire: SignalMapping) -> float:
-    """Return the span of a counter's bits, in our unit; 0 if it does not wrap."""
+    """Return the span after which a counter signal wraps, in its quantity's unit; 0: it does not wrap."""
     signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
     if signal.is_float or signal.length > 48:
         return 0.0
@@ -113,7 +113,7 @@ def span_of(rig: Rig, wire: SignalMapping) -> float:
 
 
 def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return times that do not fall: frames may be stamped slightly out of order. Raises ConfigError."""
+    """Return timestamps made non-decreasing; frames may be slightly out of order. Raises ConfigError."""
     rising = np.maximum.accumulate(times)
     late = np.flatnonzero(rising - times > _OUT_OF_TURN_NS)
     if len(late):
@@ -130,9 +130,9 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
 
 
 def reported(rig: Rig, frames: Frames, times: NDArray[np.int64]) -> tuple[dict[str, Track], Counts, list[str]]:
-    """Return the tracks of what the gate of a rig has reported, the counts of the frames, and notes.
+    """Decode the quantities that a rig's gate has sent; return their tracks, the frame counts, and notes.
 
-    A value that is none of ours, as a label without a counterpart, is left out and noted; the other signals of its
+    A value that its quantity cannot have, as an unknown label, is left out and noted; the other signals of its
     frame count. `times` [ns] are those of the frames, and rise.
     """
     layout = rig.output_config(sending=False)
@@ -158,7 +158,7 @@ def tracks_of(
     times: NDArray[np.int64],
     by_signal: bool = False,
 ) -> tuple[dict[str, Track], Counts, Any]:
-    """Return the track of each quantity, the counts of the frames, and what was left out, see `events_in`.
+    """Decode frames into a track of each quantity; return the frame counts and values left out, too.
 
     `times` [ns] are those of the frames, and rise.
     """
@@ -201,7 +201,7 @@ def _late_panel(given: Mapping[str, Track], before: Mapping[str, float]) -> list
 def _check_content(
     path: Path, rig: Rig, given: Mapping[str, Track], sensed: Mapping[str, Track], counts: Counts
 ) -> None:
-    """Raise ConfigError unless there are commands and sensor values."""
+    """Raise ConfigError unless a bus log holds both commands and sensor values."""
     issues = []
     why = "; ".join(refusals_in(counts))
     why = f" ({why})" if why else ""
@@ -234,7 +234,7 @@ def _check_ranges(path: Path, columns: Mapping[str, Floats]) -> None:
 def _inputs(
     wired: set[str], given: Mapping[str, Track], marks: NDArray[np.int64], before: Mapping[str, float]
 ) -> dict[str, Floats]:
-    """Return the input columns at these times [ns]."""
+    """Return the plant's input columns at times `marks` [ns], each value held until the next."""
     columns = {}
 
     def held(name: str) -> Floats:

@@ -46,7 +46,7 @@ def check(measurement: Measurement, vehicle: KnownVehicle | None = None) -> list
 
 
 def check_length(measurement: Measurement) -> list[str]:
-    """Return issues that would cause hours of simulation, one line each.
+    """Return issues with a measurement's duration or gaps that would cause hours of simulation, one line each.
 
     They come from a clock that jumps, or that was set after the first row.
     """
@@ -67,7 +67,7 @@ def check_length(measurement: Measurement) -> list[str]:
 
 
 def _soundness(measurement: Measurement) -> list[str]:
-    """Return issues that the reader should have found; conditioning may leave fewer rows."""
+    """Return the issues that make a measurement unusable: too few rows or samples, invalid times or values."""
     issues = []
     rows = len(measurement.times)
     if rows < MIN_ROWS:
@@ -88,7 +88,7 @@ def _soundness(measurement: Measurement) -> list[str]:
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
-    """Return the speed column / the slope of the position column; NaN if they change too little or not alike.
+    """Return the speed column divided by the position's slope; NaN if they change too little or not alike.
 
     They are compared over about fifty sections, so that noise and a coarse position have little weight.
     """
@@ -177,7 +177,7 @@ def _angle_and_position(measurement: Measurement, side: str, known: KnownVehicle
 
 
 def _position(measurement: Measurement, side: str, known: KnownVehicle) -> tuple[Floats | None, str]:
-    """Return a drive's position [rev], measured or from its count, and how that is called; None: neither."""
+    """Return a drive's position [rev], measured or from its Hall count, and its name; (None, name): neither."""
     position, count = (measurement.columns.get(f"{side}_{name}") for name in ("position_rev", "hall_count"))
     if position is None and count is not None and known.hall_counts:
         return count / known.hall_counts, f"{side}_hall_count / {known.hall_counts:g}"
@@ -190,7 +190,7 @@ def _near(values: Floats, row: np.intp) -> Floats:
 
 
 def _amounts(measurement: Measurement, side: str, known: KnownVehicle) -> list[str]:
-    """Return issues of currents and voltages that this vehicle can hardly have."""
+    """Return issues with currents and voltages that are implausibly large for the vehicle."""
     limit = _MAX_CURRENT
     if known.stall_current is not None:
         limit = min(limit, max(10.0 * known.stall_current, _LEAST_CURRENT))
@@ -205,7 +205,7 @@ def _amounts(measurement: Measurement, side: str, known: KnownVehicle) -> list[s
 def _too_large(
     measurement: Measurement, name: str, known: KnownVehicle, limit: float, units: tuple[str, str]
 ) -> list[str]:
-    """Return an issue of a column with values above a limit: outliers, or all in a smaller one of two units."""
+    """Return an issue with a column of values above a limit: outliers, or all in the smaller of two units."""
     values = measurement.columns.get(name)
     if values is None:
         return []

@@ -1,4 +1,4 @@
-"""Frames of a bus log that are wanted, with the log's span and the silences in it."""
+"""Selected frames of a bus log, with the time span of the log and its silences (gaps without frames)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SILENT_S = 0.1  # longest silence that is normal: messages come more often
 
 
 class LogFrames(NamedTuple):
-    """The wanted frames of a log; times count from `start_ns`."""
+    """Selected frames of a bus log; times count from `start_ns`."""
 
     times_ns: NDArray[np.int64]  # as in the file, in its order
     frames: Frames
@@ -33,7 +33,7 @@ class LogFrames(NamedTuple):
 def read_frames(
     path: Path, messages: Collection[str], rig: Rig, others: Collection[int] = (), how: ReadOptions = AS_IT_IS
 ) -> LogFrames:
-    """Read the frames of these messages of the rig, and those of other identifiers.
+    """Read the frames of a rig's `messages`, and those with the identifiers `others`, from a bus log.
 
     Raises ConfigError if the log cannot be read.
     """
@@ -65,14 +65,14 @@ def _doubled(frames: NDArray[np.void], messages: Collection[str], rig: Rig) -> I
 
 
 class _Watch:
-    """Span of a log and silences in it, from the timestamps of all frames."""
+    """Collector of a log's time span and silences (gaps without frames), from the timestamps of all frames."""
 
     def __init__(self) -> None:
         self._first, self._last = 2**62, -(2**62)
         self.silences: list[tuple[float, float]] = []
 
     def see(self, times_ns: NDArray[np.int64]) -> None:
-        """Take in the timestamps of the next frames [ns]."""
+        """Process the timestamps [ns] of the next frames."""
         if not len(times_ns):
             return
         before = self._last if self._last > -(2**62) else int(times_ns[0])

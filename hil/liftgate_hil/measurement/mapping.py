@@ -1,4 +1,4 @@
-"""`maps`: which column of a foreign file is which of ours, and in what unit; the units that it may have."""
+"""Column map (`maps`): which column of a foreign file is which known column, and in what unit."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+
 
 
 def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
-    """Return the conversion from a unit to that of our column; None if the unit measures something else.
+    """Return the conversion of a unit to that of a known column; None: the unit measures something else.
 
-    `known` are our columns.
+    `known` are the columns of this program.
     """
     if unit.strip() in ("", column.rpartition("_")[2]):  # `simulate` writes the column's own ending
         return SAME
@@ -40,7 +40,7 @@ def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> C
 def unit_of(
     ours: str, name: str, stated: str | None, mapped: str | None, known: Mapping[str, Signal] = KNOWN
 ) -> str:
-    """Return the unit of a file's column `name` that is ours; "": ours.
+    """Return the unit of a file's column `name`, which is the known column `ours`; "": the latter's unit.
 
     It is what the map says, else what the file says of the column, else what its name does.
     """
@@ -50,12 +50,12 @@ def unit_of(
 
 
 def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
-    """Return the units that our column may have, for a message."""
+    """Return the units that a known column may have in a file, as text for a message."""
     return units.allowed_units(known[column])
 
 
 def near_miss(name: str, known: Mapping[str, Signal] = KNOWN) -> tuple[str, str] | None:
-    """Return our column and the unit that a header like `left_current_ma` seems to mean; None if it means none."""
+    """Return (known column, unit) that a header like `left_current_ma` seems to mean; None: it means none."""
     stem, _, ending = name.lower().rpartition("_")
     for column, signal in known.items():
         if column.rpartition("_")[0] == stem and stem and signal.unit and column != name:
@@ -67,7 +67,7 @@ def near_miss(name: str, known: Mapping[str, Signal] = KNOWN) -> tuple[str, str]
 
 @dataclass(frozen=True)
 class Theirs:
-    """Column of a foreign file: scale · value + offset is in `unit` (None: the file's own, else ours)."""
+    """Column of a foreign file: scale · value + offset is in `unit` (None: the file's, else the known one's)."""
 
     name: str
     unit: str | None = None
@@ -75,7 +75,7 @@ class Theirs:
     offset: float = 0.0
 
     def found_in(self, names: Collection[str]) -> str | None:
-        """Return the column's name in the file, where a unit may follow in brackets or parentheses; None: missing.
+        """Return the column's name in a file, perhaps with its unit in brackets or parentheses; None: missing.
 
         An exact name comes first, then one with the stated unit, then the only one with any unit.
         """
@@ -89,7 +89,7 @@ class Theirs:
     def converted(
         self, values: Floats, ours: str, name: str, stated: str | None, known: Mapping[str, Signal] = KNOWN
     ) -> Floats | str:
-        """Return the values of the file's column `name` in the unit of ours, or why they have none.
+        """Convert values of a file's column `name` to the unit of the known column `ours`; else return an issue.
 
         `stated` is the unit that the file states of the column, beside its name.
         """
@@ -105,7 +105,7 @@ class Theirs:
         return factors[0] * (self.scale * values + self.offset) + factors[1]
 
     def issue_with_dates(self) -> str:
-        """Return why a column of dates cannot be taken so; "": it can."""
+        """Return why a column of dates cannot have this mapping; "": it can."""
         is_plain = self.unit in (None, "s") and (self.scale, self.offset) == (1.0, 0.0)
         return "" if is_plain else "dates, which are in s; allowed: in `maps` without unit, scale and offset"
 
@@ -114,7 +114,7 @@ ColumnMap = dict[str, Theirs]
 
 
 def own_column(ours: str, names: Collection[str], known: Mapping[str, Signal] = KNOWN) -> str | None:
-    """Return the name of our column in a file, behind which a unit may follow in any form; None: missing."""
+    """Return the name in a file of the known column `ours`, perhaps with a unit appended; None: missing."""
     found = Theirs(ours).found_in(names)
     if found is None:
         alike = [name for name in names if name.startswith(ours) and unit_in(name, known[ours])]
@@ -123,14 +123,14 @@ def own_column(ours: str, names: Collection[str], known: Mapping[str, Signal] = 
 
 
 class MapTable(Record):
-    """The keys of a map file."""
+    """Top-level keys of a map file (TOML)."""
 
     columns: Annotated[Table | None, Field(Subtable(), "the columns: each key is a column of this program, its "
         "value the name of the file's column, or a table")] = None  # fmt: skip
 
 
 class ColumnTable(Record):
-    """The keys of a column in a map file."""
+    """Keys of one column's table in a map file."""
 
     name: Annotated[
         str, Field(Text(), "name of the column in the file; there its unit may follow, as in `I [mA]`")
@@ -142,7 +142,7 @@ class ColumnTable(Record):
 
 
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
-    """Return the map that all `maps` values make up; `known` are our columns that may be mapped.
+    """Parse all `maps` arguments into one column map; `known` are the columns that may be mapped.
 
     What is mapped directly overrides what a file maps. Raises ConfigError with all issues.
     """

@@ -1,4 +1,4 @@
-"""Sections of a measurement, and its quality: gaps, jitter, outliers; what is known of the vehicle to judge it."""
+"""Sections of a measurement, and its quality: gaps, jitter, outliers; vehicle properties to judge it by."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def noted(measurement: Measurement, note: str) -> Measurement:
 
 
 def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measurement:
-    """Return the measurement with these rows only."""
+    """Return the measurement with the rows `kept` only."""
     return replace(
         measurement,
         times=measurement.times[kept],
@@ -35,7 +35,7 @@ def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measureme
 
 
 def cut_time(measurement: Measurement, start: float | None = None, end: float | None = None) -> Measurement:
-    """Return the rows from `start` to `end` [s], both included, with unchanged times.
+    """Return the measurement's rows from `start` to `end` [s], both included, with unchanged times.
 
     Raises ConfigError if there are none.
     """
@@ -57,7 +57,7 @@ def cut_time(measurement: Measurement, start: float | None = None, end: float | 
 def angles_of(
     measurement: Measurement, angle_of_position: Callable[[float], float] | None, hall_counts: float | None = None
 ) -> Floats | None:
-    """Return the gate angle [deg] in each row: measured, else from a drive's position [rev], else from its count.
+    """Return the gate's angle [deg] in each row: measured, else by a drive's position [rev], else by Hall count.
 
     None if there is none of these.
     """
@@ -75,7 +75,7 @@ def angles_of(
 
 
 def interpolated(times: Floats, values: Floats) -> Floats:
-    """Return a column interpolated linearly where it has no sample; before and after its samples it is held."""
+    """Return a column interpolated linearly where it has no sample; held before and after its samples."""
     there = np.isfinite(values)
     if not np.any(there):
         return values
@@ -122,7 +122,7 @@ def cut_angle(
 
 @dataclass(frozen=True)
 class KnownVehicle:
-    """Known properties of the vehicle; None: unknown."""
+    """Properties of the vehicle that measurements are checked against; None: unknown."""
 
     supply_voltage: float | None = None  # V
     stall_current: float | None = None  # A, supply voltage / winding resistance
@@ -141,7 +141,7 @@ def known_of(vehicle: Vehicle) -> KnownVehicle:
 
 
 def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
-    """Return a function from the position [rev] of the left motor to the gate's angle [deg].
+    """Return the function from the position [rev] of the left motor to the gate's angle [deg].
 
     It ignores play and flexibility, and returns NaN for positions that no gate can have.
     """
@@ -256,7 +256,7 @@ def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
 
 
 def explained(measurement: Measurement, side: str, values: Floats, known: KnownVehicle) -> Floats:
-    """Return by how much [A] a motor current may jump in each row, given the changes of its voltage nearby.
+    """Return the jump [A] of a motor current that the nearby changes of its voltage explain, in each row.
 
     Without this every change of the duty would look like an outlier.
     """
@@ -274,7 +274,7 @@ def explained(measurement: Measurement, side: str, values: Floats, known: KnownV
 
 
 def find_outliers(measurement: Measurement, known: KnownVehicle) -> Mapping[str, NDArray[np.int64]]:
-    """Return the rows of outliers, by output column that has any."""
+    """Return the rows of outliers of each output column that has any."""
     found = {}
     for name, values in measurement.columns.items():
         if name in OUTPUTS and not name.endswith("hall_count"):
@@ -285,7 +285,7 @@ def find_outliers(measurement: Measurement, known: KnownVehicle) -> Mapping[str,
 
 
 def report_outliers(measurement: Measurement, drop: bool, known: KnownVehicle | None = None) -> Measurement:
-    """Return the measurement with a note on each column with outliers; `drop` makes these NaN."""
+    """Return the measurement with a note on each column with outliers; `drop` replaces outliers by NaN."""
     found = find_outliers(measurement, known or KnownVehicle())
     columns = dict(measurement.columns)
     result = measurement

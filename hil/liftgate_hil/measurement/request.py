@@ -1,4 +1,4 @@
-"""Base of the requests that read measurements with columns of other names."""
+"""Base class of the requests that read measurements whose columns may have other names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from liftgate_hil.config.kinds import Texts
 
 # fmt: off
 class MapRequest(Record):
-    """Base of the requests that map columns."""
+    """Base class of the requests with `maps`, which assigns a file's columns to known ones."""
 
     maps: Annotated[tuple[str, ...], Field(Texts("a list of OURS=THEIRS[unit], or a file"), "read a column that "
         "has another name or unit, e.g. 'left_voltage_v=U[mV]*0.5', or a FILE.toml with a table [columns] "

@@ -1,4 +1,4 @@
-"""Columns of a file as a measurement: which is which of ours, in what unit, and when an input holds.
+"""Reading of a table as a measurement: assignment of its columns, their units, and when an input holds.
 
 The suffix of a file, and for MF4 and MCAP its content, says whether it is a bus log.
 """
@@ -53,7 +53,7 @@ class TableReading:
 
 
 def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
-    """Read the measurement in a file of columns. Raises ConfigError with all issues."""
+    """Read a file of columns as a measurement. Raises ConfigError with all issues."""
     reading, series, shared = read_series(path, file, mapping, _KINDS)
     own = {name: _own_samples(each, shared) for name, each in series.items()}
     own = {name: each for name, each in own.items() if len(each[0])}
@@ -66,7 +66,7 @@ def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
 def read_series(
     path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds
 ) -> tuple[TableReading, dict[str, FileColumn], Floats | None]:
-    """Return the columns of these kinds in our units, and the times of the file's rows.
+    """Read a file's columns of these kinds, in the units of the known columns, and the times of its rows.
 
     The times are None if each column has its own. Raises ConfigError with all issues.
     """
@@ -89,7 +89,7 @@ def read_series(
 
 
 def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> TableReading:
-    """Resolve which column of the file is which of ours."""
+    """Assign the file's columns to the known columns, and collect issues."""
     known = ("time_s", *(name for _, columns in kinds for name in columns))
     mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
     names = {ours: theirs.found_in(file.names) or "" for ours, theirs in mapping.items()}
@@ -131,7 +131,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> T
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
-    """Choose between columns that drive the same motor: mapped ones first, and of a recording the duties."""
+    """Choose between columns that drive the same motor: mapped ones first, in a recording the duties."""
     if recorded:
         for name in _VOLTAGES:
             if name not in mapping:
@@ -149,7 +149,7 @@ def _driving(side: str) -> tuple[str, ...]:
 
 
 def _other_units(file: Recording, names: dict[str, str], path: Path, known: tuple[str, ...]) -> list[str]:
-    """Return issues for headers like left_current_ma, each of which counts as its column."""
+    """Return issues with headers in another unit, such as left_current_ma; assign each to its known column."""
     issues = []
     for name in file.names:
         meant = near_miss(name)
@@ -176,7 +176,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 
 
 def _converted(reading: TableReading, ours: str, series: FileColumn, mapping: ColumnMap) -> FileColumn:
-    """Return a column in our unit."""
+    """Return a file's column in the unit of the known column `ours`; an issue is added where it cannot be."""
     name = reading.names[ours]
     theirs = mapping.get(ours, Theirs(name))
     found: Floats | str = theirs.issue_with_dates() if name in reading.file.starts else ""
@@ -225,7 +225,7 @@ def _shared_times(reading: TableReading, series: Mapping[str, FileColumn]) -> Fl
 
 
 def time_issue(times: Floats, word: str) -> str:
-    """Return what is wrong with times; empty if nothing is."""
+    """Return what is wrong with a column of times, which must be finite and rising; empty if nothing is."""
     empty = np.flatnonzero(np.isnan(times))
     if len(empty):
         return f"empty cell in {word} {empty[0] + 1}; allowed: finite and rising"
@@ -237,7 +237,7 @@ def time_issue(times: Floats, word: str) -> str:
 
 
 def _own_samples(series: FileColumn, shared: Floats | None) -> tuple[Floats, Floats]:
-    """Return times and values where there is a sample."""
+    """Return the times and values of a column where it has a sample."""
     times = series.times if series.times is not None else shared
     if times is None:
         return np.zeros(0), np.zeros(0)
@@ -246,7 +246,7 @@ def _own_samples(series: FileColumn, shared: Floats | None) -> tuple[Floats, Flo
 
 
 def misspelt(reading: TableReading, ours: Iterable[str]) -> dict[str, str]:
-    """Return notes on columns that are not read and nearly have one of our names, by their names in the file."""
+    """Return notes on unread columns that nearly have the name of a known one, by their names in the file."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
     taken = set(reading.names.values())
@@ -262,7 +262,7 @@ def misspelt(reading: TableReading, ours: Iterable[str]) -> dict[str, str]:
 
 
 def _unread_slope(reading: TableReading) -> list[str]:
-    """Return a note on a slope that only a sensor's column states, and that is not read."""
+    """Return a note on a road slope that is only in a sensor's column, which is not read."""
     name = SENSED_PREFIX + _SLOPE
     if _SLOPE in reading.names or name not in reading.file.names:
         return []
@@ -276,7 +276,7 @@ def _unread_slope(reading: TableReading) -> list[str]:
 def _measurement(
     reading: TableReading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
 ) -> Measurement:
-    """Return the measurement: all columns over one time base."""
+    """Build the measurement from the columns' samples: all columns over one time base."""
     columns: dict[str, Floats] = {}
     notes = [*reading.file.notes, *_unread_slope(reading), *misspelt(reading, KNOWN).values()]
     start = times[0] if len(times) else 0.0
@@ -319,7 +319,7 @@ def _measurement(
 
 
 def _is_slower_raster(times: Floats, at: Floats) -> bool:
-    """Whether the samples `at` leave out rows evenly, so that each may hold until the next one."""
+    """Whether the samples `at` are evenly spaced among `times`, so that each may hold until the next."""
     if len(at) == len(times):
         return True
     if len(at) < 2:
@@ -331,7 +331,7 @@ def _is_slower_raster(times: Floats, at: Floats) -> bool:
 
 
 def shift_inputs(columns: dict[str, Floats]) -> None:
-    """Shift inputs by a row, from "led to its row" to "holds from its row".
+    """Shift inputs by a row: a recorded one led to its row, a measurement's holds from its row on.
 
     After the last row nothing is known, or needed: the last value is repeated.
     """
@@ -347,7 +347,7 @@ def read_measurement(
     before: Mapping[str, float] | None = None,
     how: ReadOptions = AS_IT_IS,
 ) -> Measurement:
-    """Read the measurement in a file. Raises ConfigError with all issues.
+    """Read a table or a bus log as a measurement. Raises ConfigError with all issues.
 
     `rig`, or a function that loads it, is used for bus logs only; so is `before`, the inputs until the frames of a
     test bench's panel first state them.
@@ -360,7 +360,7 @@ def read_measurement(
 
 
 def needs_rig(path: Path, mapping: ColumnMap) -> bool:
-    """Whether a file holds frames, which a rig decodes. Raises ConfigError if it cannot be read."""
+    """Whether a file is a bus log, whose frames a rig decodes. Raises ConfigError if it cannot be read."""
     kind = path.suffix.lower()
     if kind in BUS_LOGS:
         return True
@@ -368,7 +368,7 @@ def needs_rig(path: Path, mapping: ColumnMap) -> bool:
 
 
 def is_bus_log(path: Path, mapping: ColumnMap) -> bool:
-    """Whether an MF4 or MCAP file holds frames, and no column that is ours."""
+    """Whether an MF4 or MCAP file is a bus log: it has frames, but no column known here or in `mapping`."""
     names = open_file(path).names
     ours = {*KNOWN, *(theirs.name for theirs in mapping.values())}
     return FRAME in names and not ours.intersection(names)

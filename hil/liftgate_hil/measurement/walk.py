@@ -1,4 +1,4 @@
-"""Decodes a whole log by the codec: the quantities in each sound frame, and when a message goes stale."""
+"""Decoding of a whole log by the codec: the quantities in each valid frame, and when a message goes stale."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WITHOUT = np.dtype([("count", "i8"), ("time_ns", "i8"), ("value", "f8")])
 def events_in(
     layout: BusConfig, frames: Frames, times: Integers, quantities: int, by_signal: bool
 ) -> tuple[Integers, Integers, Floats, Counts, Any]:
-    """Return (time [ns], quantity, value) of each event, in order of time, the counts of the frames, and WITHOUT.
+    """Decode frames to events; return their times [ns], quantities, values, frame counts, and invalid values.
 
     `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities. Where a
     signal has a value that its quantity has not, the gate refuses the frame; read `by_signal`, as of what others
@@ -69,7 +69,7 @@ def walk(
     without: Any,
     by_signal: bool,
 ) -> tuple[int, Counts]:
-    """Fill the arrays of events; return the number of events, and the counts of the frames.
+    """Decode all frames into the arrays of events; return the number of events, and the frame counts.
 
     `current` and `without` are changed; `read` (signals,) is working memory.
     """
@@ -101,7 +101,7 @@ def walk(
 def note_without(
     layout: BusConfig, message: int, frames: Frames, frame: int, now: int, read: Floats, without: Any
 ) -> None:
-    """Count the signals of a frame whose values are out of range."""
+    """Count in `without` the signals of a frame whose values are out of range."""
     table = layout.messages[message]
     for row in range(table.first, table.first + table.count):
         if np.isnan(read[row]) and selected(layout, row, frames.data, frame):
@@ -115,7 +115,7 @@ def note_without(
 def note_stale(
     layout: BusConfig, current: Reception, now: int, at: Integers, which: Integers, values: Floats, used: int
 ) -> int:
-    """Forget messages that have timed out by now, as `receive.forget_stale` does; return the number of events."""
+    """Record events for messages that have timed out by now, and forget them; return the number of events."""
     for message in range(len(layout.messages)):
         table = layout.messages[message]
         seen = current.seen_ns[message]

@@ -46,7 +46,7 @@ Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due [ns], 
 
 @dataclass(frozen=True)
 class Replay:
-    """Replay to be made: the recording, which of its frames, and the speed."""
+    """Settings of a replay: the recording, the selection of its frames, the speed and the repetitions."""
 
     recording: Path
     selection: Selection = field(default_factory=Selection)
@@ -88,7 +88,7 @@ class Played(DescribedResult):
 
     # fmt: on
     def lines(self) -> list[str]:
-        """Return the result as lines of text."""
+        """Return the summary of the replay as lines of text."""
         rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""
         which = "" if self.direction == "both" else f" (recorded as {self.direction})"
         lines = [
@@ -110,7 +110,7 @@ class Played(DescribedResult):
 
 
 class NotedTransport:
-    """Transport behind a pump that notes how late each frame is when its driver has it.
+    """Transport wrapper that records how late each frame is at the moment when the driver has it.
 
     Only there it is known how long a thread has waited for the interpreter lock.
     """
@@ -126,11 +126,11 @@ class NotedTransport:
 
     @property
     def is_up(self) -> bool:
-        """Whether the link is there, as far as is known."""
+        """Whether the link is up, as far as is known."""
         return self._transport.is_up
 
     def send(self, frames: Frames) -> None:
-        """Send frames, which come in the order in which the loop has passed them on, and note their lateness."""
+        """Send frames, in the order in which the loop has passed them on, and record their lateness."""
         failed = self._transport.counts().send_failures
         self._transport.send(frames)
         now = clock_ns(_MONOTONIC, self._room)
@@ -180,7 +180,7 @@ class Player:
         self._took_s = 0.0
 
     def run(self) -> None:
-        """Play the recording; `played` shows how far it came in any case. Raises ConfigError, TransportError."""
+        """Play the recording; `played` is its summary, failed or not. Raises ConfigError, TransportError."""
         self._code = machine_code()
         # Issues at the beginning of the recording are reported before anything is played.
         while self._fill() and len(self._begins) == 1 and not self._stopped():
@@ -217,7 +217,7 @@ class Player:
             memory.close()
 
     def _all_blocks(self) -> Iterator[Block]:
-        """Yield what shall be played, round after round; a recording that fits into the ring is read once."""
+        """Yield due times and frames, round after round; a recording that fits into the ring is read once."""
         times, kept, is_kept = self._replay.times, list[NDArray[np.void]](), False
         while times is None or len(self._begins) < times:
             self._begins.append(self._count)
@@ -243,7 +243,7 @@ class Player:
                 yield frames
 
     def _fill(self) -> bool:
-        """Put a block into the ring, as far as there is room; return whether there is room for more."""
+        """Put a block of frames into the ring buffer as far as it fits; return whether there is room for more."""
         position = self._schedule.position[0]
         block = self._waiting or next(self._blocks, None)
         if block is None:
@@ -255,7 +255,7 @@ class Player:
         return self._waiting is None
 
     def _play(self, line: Line, memory: Memory, is_kernels: bool) -> None:
-        """Play from the first frame to the last. Raises TransportError, ConfigError."""
+        """Run the loop in its thread from the first frame to the last. Raises TransportError, ConfigError."""
         schedule, control = self._schedule, memory.shared.control[0]
         asked = self._replay.realtime
         realtime = None if asked is False else Realtime(self._replay.cpu, bool(asked))
@@ -305,16 +305,16 @@ class Player:
         self._progress(self._seconds(), end, int(position.accepted))
 
     def _seconds(self) -> float:
-        """Return when the last frame that was played was due [s since the beginning]."""
+        """Return the due time of the last frame that was played [s since the beginning]."""
         return self._due(int(self._schedule.position[0].played))
 
     def _due(self, count: int) -> float:
-        """Return when the last of so many frames is due [s since the beginning]; it must still be in the ring."""
+        """Return the due time of frame number `count` [s since the beginning], which must still be in the ring."""
         due = self._schedule.due
         return float(due[(count - 1) % len(due)]) * 1e-9 if count else 0.0
 
     def _sum_up(self, line: Line, memory: Memory, histogram: NDArray[np.int64] | None) -> None:
-        """Sum up the result; the counts of a line are complete when it is closed."""
+        """Fill `played` with the summary of the replay; the line must be closed for complete counts."""
         position, control = self._schedule.position[0], memory.shared.control[0]
         mine = line.counts()
         link = mine._replace(
@@ -341,7 +341,7 @@ class Player:
 
 
 def machine_code() -> Any:
-    """Return the loop of the replay, compiled or read from the cache before timing matters."""
+    """Return the replay's loop as machine code, compiled or from the cache before timing matters."""
     code, scratch, nothing = compiled(play), Memory(1, 1), empty_schedule(1)
     nothing.position[0].is_whole = 1
     code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())

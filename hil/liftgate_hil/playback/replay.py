@@ -42,19 +42,19 @@ def replay(request: ReplayRequest) -> Played:
 
 
 class NotingRelay(Relay):
-    """Listener that notes what a replay says, and passes it on."""
+    """Listener that records a replay's texts and alarms, and passes them on."""
 
     def __init__(self, listener: Listener) -> None:
         super().__init__(listener)
         self.notes: list[str] = []
 
     def say(self, text: str) -> None:
-        """Note a text, and pass it on."""
+        """Record a text, and pass it on."""
         self.notes.append(text)
         super().say(text)
 
     def alarm(self, text: str) -> None:
-        """Note an alarm, and pass it on."""
+        """Record an alarm, and pass it on."""
         self.notes.append(text)
         super().alarm(text)
 
@@ -65,7 +65,7 @@ def player_for(
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float, int], None] = lambda seconds, end, sent: None,
 ) -> Player:
-    """Return the player of a request, which opens its recording. Raises ConfigError."""
+    """Return the player for a request, with its recording opened. Raises ConfigError."""
     rig = rig_of(request.rig)
     selection = Selection(
         direction=request.direction or "",
@@ -87,7 +87,7 @@ def player_for(
 
 
 def summed_up(request: ReplayRequest, played: Played, command_line: str, notes: Sequence[str] = ()) -> Played:
-    """Return the summary of a replay with its notes and its provenance, for which the recording is hashed."""
+    """Return a replay's summary with notes and provenance, for which the recording is hashed."""
     played.notes = tuple(notes)
     played.provenance = provenance_of(command_line, sources_of({"recording": Path(request.recording)}))
     return played

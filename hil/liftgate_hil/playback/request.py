@@ -33,7 +33,7 @@ class Identifiers:
 
 # fmt: off
 class ReplayedFile(Record, kw_only=False):
-    """Base of the request, with what it takes by its place."""
+    """Base class of the replay request: the file to replay, which is its only positional argument."""
 
     recording: Annotated[str | Path, Field(File(), "a recording with frames, or a bus log: "
         + " ".join(WITH_FRAMES), metavar="FILE")]

@@ -1,4 +1,4 @@
-"""Selects which frames of a recording are played, and when each is due."""
+"""Selection of the frames of a recording to be played, and their due times."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Blocks = Iterator[NDArray[np.void]]
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection of a recording's frames: by time [s], by direction, with or without identifiers."""
+    """Selection of a recording's frames by time [s], direction, and identifiers included or left out."""
 
     direction: str = ""  # sent, received or both; empty: sent if there are such frames, else both
     only: tuple[tuple[int, int], ...] = ()  # ranges of identifiers, both ends included; none: all
@@ -35,7 +35,7 @@ class Selection:
     end: float = math.inf
 
     def of(self, blocks: Blocks) -> Blocks:
-        """Yield the selected frames."""
+        """Yield the selected frames of each block."""
         for frames in blocks:
             times = frames["time_ns"] * 1e-9
             keep = (times >= self.begin) & (times <= self.end)
@@ -60,7 +60,7 @@ def _among(frames: NDArray[np.void], ranges: Sequence[tuple[int, int]]) -> NDArr
 def identifiers_of(
     argument: str, given: Sequence[str], messages: Mapping[str, Message]
 ) -> tuple[tuple[int, int], ...]:
-    """Return the identifiers that an argument names: 0x120, 0x200-0x2FF, or a message of the rig.
+    """Return the ranges of identifiers in an argument: 0x120, 0x200-0x2FF, or a message of the rig.
 
     Raises ConfigError.
     """
@@ -84,7 +84,7 @@ def identifiers_of(
 
 
 def _number(text: str) -> int:
-    """Return the number in a text that begins with 0x, else -1: 120 is 0x120 in candump, 0x78 in a program."""
+    """Parse an identifier that begins with 0x; else return -1: 120 is 0x120 in candump, 0x78 elsewhere."""
     try:
         return int(text, 16) if text.strip().lower().startswith("0x") else -1
     except ValueError:
@@ -98,7 +98,7 @@ def has_sent(source: Recording) -> bool:
 
 @dataclass
 class DueTimes:
-    """When frames are due [ns since the beginning], round by round.
+    """Schedule of a replay: computes when frames are due [ns since the beginning], round by round.
 
     `begin` [s] is the recording's time at which a round begins, by default that of the first frame; `end` is that
     at which it ends, by default that of the last frame.
@@ -115,7 +115,7 @@ class DueTimes:
     _due: int = field(default=0, init=False)  # when the last frame is due
 
     def due(self, frames: NDArray[np.void]) -> NDArray[np.int64]:
-        """Return when frames (n,) LOGGED are due, in the order of the recording.
+        """Return the due times (n,) of frames (n,) of dtype LOGGED, in the order of the recording.
 
         None is due before the one that precedes it; where the logger's clock was set back, time continues.
         """
@@ -135,7 +135,7 @@ class DueTimes:
         return due
 
     def begin_again(self) -> None:
-        """Begin the next round where this one ends. Raises ConfigError if a round takes no time."""
+        """Begin the next round where the present one ends. Raises ConfigError if a round takes no time."""
         ended = self._due
         if math.isfinite(self.end) and self._origin is not None:
             ended = max(ended, self._round + round((self.end * 1e9 - self._origin) / self.speed))
@@ -146,7 +146,7 @@ class DueTimes:
 
 
 def playable(frames: NDArray[np.void], is_fd: bool) -> tuple[NDArray[np.void], int]:
-    """Return the frames that can be sent, and the number of those that cannot: error frames.
+    """Return the frames that can be sent, and the number of error frames, which cannot.
 
     Raises ConfigError for CAN FD frames on another bus.
     """

@@ -53,7 +53,7 @@ _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a durati
 
 
 def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
-    """Return the inputs in a table, by our names or as mapped, from time 0 on, and notes on the table.
+    """Read the plant's inputs in a table from time 0 on, its columns mapped; return them, and notes.
 
     Raises ConfigError with all issues.
     """
@@ -136,7 +136,7 @@ def simulated(
     say: Say = silent,
     note: Say = silent,
 ) -> Simulation:
-    """Return the simulation of a request; its table goes to the request's file, to `sink`, or into the result.
+    """Run the simulation of a request; its table goes to the request's file, to `sink`, or into the result.
 
     What had been simulated when it was `stopped` is written. `report` is called with the time reached and the
     duration [s], `note` with each note before the first step, `say` with what becomes of files. Raises
@@ -195,7 +195,7 @@ def simulated(
 
 
 class _Course:
-    """Progress of a simulation: the time reached, and whether it came to its end."""
+    """Progress of a simulation: the time reached, and whether it was completed."""
 
     def __init__(self, duration: float, report: Callable[[float, float], None]) -> None:
         self.duration, self._report = duration, report
@@ -204,7 +204,7 @@ class _Course:
         self.is_complete = False
 
     def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
-        """Yield the blocks until stopped, and note the time reached."""
+        """Yield the blocks of rows until stopped, and record the time reached."""
         for block in blocks:
             if stopped():
                 return
@@ -216,7 +216,7 @@ class _Course:
         self.is_complete = True
 
     def remark(self) -> str:
-        """Return a remark on an incomplete file; empty where it is complete."""
+        """Return a remark that the output file is incomplete; empty where it is complete."""
         if self.is_complete:
             return ""
         return f"incomplete, stopped at {self.time:.3f} s of {self.duration:g} s"
@@ -237,7 +237,7 @@ def _write(path: Path, say: Say, content: Content, rows: Iterable[Floats]) -> No
 
 
 def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterator[str]:
-    """Yield notes on motors that nothing drives."""
+    """Yield notes on motors that no input drives, so that they brake."""
     if request.input is None:
         if request.voltage is None:
             yield "no `voltage` and no `input`: 0 V, which brakes the motors"
@@ -248,7 +248,7 @@ def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterat
 
 
 def _length_of(request: SimulateRequest, times: Floats) -> float:
-    """Return the length of the input [s]. Raises ConfigError where it is implausible, as of a clock that jumps."""
+    """Return the duration of the input [s]. Raises ConfigError where it is implausible, as of a jumping clock."""
     if request.input is None:
         raise ConfigError("`duration`: missing; allowed: 0 to 1e+07 s")
     length = float(times[-1])
@@ -265,7 +265,7 @@ def _length_of(request: SimulateRequest, times: Floats) -> float:
 
 
 def _targets_of(request: SimulateRequest, inputs: Sequence[Path]) -> tuple[Path | None, Path | None]:
-    """Return the files for the table and for the edges; None: there is none. Raises ConfigError."""
+    """Return the files for the table and for Hall sensor edges; None: not requested. Raises ConfigError."""
     output = None if request.output is None else check_file("output", str(request.output), TABLES)
     edges = None if request.edges is None else check_file("edges", str(request.edges), (".csv",))
     if output is not None and edges is not None and os.path.realpath(edges) == os.path.realpath(output):
@@ -284,7 +284,7 @@ def _targets_of(request: SimulateRequest, inputs: Sequence[Path]) -> tuple[Path 
 
 
 def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[Floats]:
-    """Yield the rows of the blocks, and write their edges. Raises RecordingError."""
+    """Yield the rows of the blocks, and write their Hall sensor edges to a file. Raises RecordingError."""
     for block in blocks:
         if edge_file is not None:
             edge_file.write(block.edges)

@@ -1,4 +1,4 @@
-"""Executor on a Dask cluster: a task is a batch, evaluated in a child of the cluster's worker.
+"""Executor on a Dask cluster: a task is a batch, evaluated in a child process of a Dask worker.
 
 The scheduler holds no results: a task writes its batch to the store and returns its name. Where a worker does not
 see the store, the task hands the table back, and this process stores it.
@@ -40,7 +40,7 @@ _NO_WORKER = ("KilledWorker", "NoWorkerError", "NoValidWorkerError")  # errors w
 
 
 class GoneError(LiftgateError):
-    """Raised where the scheduler of a cluster, or all of its workers, are gone."""
+    """Raised where the scheduler of a Dask cluster, or all of its workers, can no longer be reached."""
 
 
 class Cluster:
@@ -70,7 +70,7 @@ class Cluster:
             raise
 
     def _prepare(self) -> None:
-        """Check the workers' versions, and have the scheduler bear their deaths. Raises ConfigError."""
+        """Check the workers' versions, and set how many worker deaths a task survives. Raises ConfigError."""
         if not self._threads():
             raise ConfigError(
                 f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
@@ -95,7 +95,7 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """Threads of all workers."""
+        """Number of threads of all workers in the cluster, at least 1."""
         return max(1, sum(self._threads().values()))
 
     def _threads(self) -> Mapping[str, int]:
@@ -105,7 +105,7 @@ class Cluster:
     def run(
         self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
-        """Yield the batches as they are done; see `Executor.run`. Raises GoneError, LiftgateError, StoreError."""
+        """Evaluate batches, yield each when done: `Executor.run`. Raises GoneError, LiftgateError, StoreError."""
         waiting, again = iter(batches), list[Batch]()
         busy: dict[Any, Batch] = {}
         mark, is_empty = store.mark(), False
@@ -149,7 +149,7 @@ class Cluster:
         )  # fmt: skip
 
     def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, TaskResult | None]]:
-        """Yield tasks that have ended, with their answers; see `_answer`. Those without a fault come at once."""
+        """Yield ended tasks with their results, fetched together where possible; None as in `_answer`."""
         futures = futures[:_TOGETHER]
         good = [each for each in futures if each.status == "finished"]
         fetched: dict[Any, TaskResult] = {}
@@ -160,7 +160,7 @@ class Cluster:
             yield each, self._answer(each, fetched.get(each))
 
     def _answer(self, future: Any, answer: TaskResult | None = None) -> TaskResult | None:
-        """Return the answer of a task; None: its batch is to be submitted again. Raises LiftgateError."""
+        """Return the result of a task; None: its batch must be submitted again. Raises LiftgateError."""
         try:
             answer = answer or future.result(timeout=_CONNECT_S)
             assert answer is not None
@@ -181,7 +181,7 @@ class Cluster:
         return answer
 
     def close(self) -> None:
-        """End the own slots and close the connection; the cluster goes on for others."""
+        """End this client's slots and close the connection; the cluster keeps running for other clients."""
         with contextlib.suppress(Exception):  # the scheduler may be gone, with all that could be closed
             if self._client.status == "running":
                 within(_ANSWER_S, partial(self._client.run, end_slots, self._client.id, on_error="ignore"))
@@ -190,7 +190,7 @@ class Cluster:
 
 
 class _Watch:
-    """Watches whether scheduler and workers are there."""
+    """Monitor of a Dask cluster: raises GoneError once its scheduler or workers are gone for too long."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -202,7 +202,7 @@ class _Watch:
         return bool(self._client.status == "running")
 
     def look(self, threads: Callable[[], Mapping[str, int]]) -> int:
-        """Return how many threads the workers have, asked for once in a while.
+        """Return the workers' number of threads, which is queried from the scheduler at intervals.
 
         Raises GoneError where the scheduler or its workers have been gone for too long.
         """
@@ -222,7 +222,7 @@ class _Watch:
 
 
 def within(seconds: float, ask: Callable[[], Any]) -> Any:
-    """Return what a call returns within a time [s]; the calls of Dask's client wait for ever.
+    """Return the result of a call with a timeout [s], as calls of Dask's client may block for ever.
 
     Raises TimeoutError, and what the call raises.
     """
@@ -246,7 +246,7 @@ def within(seconds: float, ask: Callable[[], Any]) -> Any:
 
 
 def _check_address(address: str) -> None:
-    """Raise ConfigError where nothing listens at an address: a client of Dask that fails is not rid of so soon."""
+    """Raise ConfigError where nothing listens at an address, before a Dask client keeps trying to connect."""
     match = _ADDRESS.fullmatch(address)
     if match is None:
         raise ConfigError(f"`scheduler` {address}: allowed: tcp://HOST:PORT of a Dask scheduler")
@@ -268,5 +268,5 @@ def _distributed() -> Any:
 
 
 def _bear_deaths(dask_scheduler: Any, deaths: int) -> None:
-    """Set how many workers may die of a task: all tasks of a dead worker are suspect, most without a fault."""
+    """Set the number of worker deaths that a task survives, as most tasks of a dead worker are not to blame."""
     dask_scheduler.allowed_failures = deaths

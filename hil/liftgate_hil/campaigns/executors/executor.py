@@ -20,7 +20,7 @@ from liftgate_hil.campaigns.store import Store
 
 @dataclass(frozen=True)
 class Batch:
-    """Variants that one worker evaluates, one after the other.
+    """Batch of variants, which one worker evaluates one after the other.
 
     Their values are made when they are needed: those of a million variants would be most of a campaign's memory.
     """
@@ -31,32 +31,32 @@ class Batch:
 
     @property
     def values(self) -> Floats:
-        """The values (n, d) of the variants."""
+        """Values (n, d) of the batch's variants."""
         return self.make()
 
 
 class Done(NamedTuple):
-    """A batch whose results are in the store."""
+    """Report that a batch is done: its results are in the store."""
 
     batch: Batch
     retried: int  # variants that were tried again, as their process had died
 
 
 class Executor(Protocol):
-    """Evaluates batches of the variants of one base; see the module."""
+    """Interface of an executor, which evaluates batches of variants of one base."""
 
     @property
     def workers(self) -> int:
-        """Number of workers that evaluate at a time."""
+        """Number of workers that evaluate batches at the same time."""
 
     def run(
         self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
-        """Yield the batches as they are done, in any order; few are in flight at a time.
+        """Evaluate batches; yield each when done, in any order; few are in flight at a time.
 
         `count` is called with the number of variants that have been evaluated since its last call. Returns early
         once `stopped`. Raises StoreError where results cannot be stored, LiftgateError where no worker can run.
         """
 
     def close(self) -> None:
-        """End all workers."""
+        """End all workers of the executor."""

@@ -1,4 +1,4 @@
-"""An answer computed in a forked child, which may crash or hang."""
+"""Call of a function in a forked child process, which may crash or hang."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
 
 
 def answer_of(function: Callable[[], bytes], control: Any) -> tuple[bytes | None, str]:
-    """Return what a function returns in a child of this process; None, and why, where the child died or hung.
+    """Call a function in a forked child process; return (its result, ""), or (None, why it died or hung).
 
     The child's progress is read from `control` of the memory that its loop shares with this process. What the
     child has started ends with it, where this process is a reaper.
@@ -50,12 +50,12 @@ def answer_of(function: Callable[[], bytes], control: Any) -> tuple[bytes | None
 
 
 def become_reaper() -> None:
-    """Become the parent of all orphans that children of this process leave behind (prctl(2))."""
+    """Make this process the parent of its descendants' orphans (child subreaper, prctl(2))."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def end_children() -> None:
-    """Kill all children of this process, also those that were orphans, until there is none."""
+    """Kill all child processes of this process, adopted orphans included, until none is left."""
     while True:
         try:
             found = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii").split()
@@ -70,7 +70,7 @@ def end_children() -> None:
 
 
 def _answer(function: Callable[[], bytes], parent: int, writing: int) -> None:
-    """Send the answer and end this process; nothing of the parent's is executed on the way."""
+    """Call the function in the child, send its result through a pipe, and exit without any clean-up."""
     try:
         os.setsid()
         dies_with_parent(parent)
@@ -86,7 +86,7 @@ def _answer(function: Callable[[], bytes], parent: int, writing: int) -> None:
 
 
 def _awaited(reading: int, child: int, control: Any) -> tuple[bytes | None, str]:
-    """Return the answer; with a cause, where none came in time; neither, where the child has ended."""
+    """Wait for the child's result; return (result, ""), (None, cause) if it hangs, (None, "") if it has ended."""
     content = b""
     still = Stillness()
     while True:
@@ -109,7 +109,7 @@ def _awaited(reading: int, child: int, control: Any) -> tuple[bytes | None, str]
 
 
 def _has_ended(child: int) -> bool:
-    """Whether a child has ended; it stays to be waited for."""
+    """Whether a child process has ended; it is not reaped."""
     found = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     return found is not None
 

@@ -18,7 +18,7 @@ _LOOK_S = 0.2
 
 
 class Serial:
-    """Executor in this process, for an ECU that is not a user's code. The first of its kind: see `Executor`."""
+    """Executor that evaluates variants in this process, for an ECU that is not user code."""
 
     workers = 1
 
@@ -29,7 +29,7 @@ class Serial:
     def run(
         self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
-        """Yield the batches as they are done; see `Executor.run`."""
+        """Evaluate batches, and yield each when it is done; see `Executor.run`."""
         for batch in batches:
             rows: list[Row] = []
             variants = batch.values
@@ -48,7 +48,7 @@ class Serial:
 
 
 class Processes:
-    """Executor in worker processes of this machine."""
+    """Executor that evaluates variants in worker processes of this machine."""
 
     def __init__(self, base: Base, workers: int) -> None:
         self._base, self.workers = base, workers
@@ -58,7 +58,7 @@ class Processes:
     def run(
         self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], count: Callable[[int], None]
     ) -> Iterator[Done]:
-        """Yield the batches as they are done; see `Executor.run`. Raises LiftgateError, StoreError."""
+        """Evaluate batches, and yield each when done; see `Executor.run`. Raises LiftgateError, StoreError."""
         waiting = iter(batches)
         busy: dict[int, tuple[Batch, int]] = {}  # by slot: its batch, and how many were tried again before
         try:
@@ -85,11 +85,11 @@ class Processes:
                 self._slots[place].close()
 
     def close(self) -> None:
-        """End the workers."""
+        """End the worker processes."""
         for slot in self._slots:
             slot.close()
 
 
 def local_executor(base: Base, jobs: int) -> Serial | Processes:
-    """Return the executor for a number of jobs: with one, and an ECU of ours, there are no other processes."""
+    """Return the executor for `jobs` worker processes; for 1 job and a built-in ECU, `Serial` in this process."""
     return Serial(base) if jobs == 1 and not is_foreign(base.job.request.ecu) else Processes(base, jobs)

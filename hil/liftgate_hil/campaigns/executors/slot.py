@@ -36,7 +36,7 @@ _DEATHS = 2  # of the same variant's process, until it is given up
 
 
 class Slot:
-    """A worker process of a base, given one batch after the other; see the module.
+    """Worker process that evaluates one batch of a base after the other; it is replaced when it dies.
 
     `content` is the pickled base.
     """
@@ -56,7 +56,7 @@ class Slot:
         self._heard, self._moved, self._messages = Stillness(), Stillness(), 0
 
     def begin(self, values: Floats) -> None:
-        """Begin with a batch of variants (n, d)."""
+        """Begin to evaluate a batch of variants (n, d)."""
         self._values, self.rows = values, []
         self._deaths.clear()
         self._is_single = False
@@ -66,7 +66,7 @@ class Slot:
             self._send()
 
     def look(self) -> bool:
-        """Process what the worker has sent; return whether the batch is done. Raises LiftgateError."""
+        """Process the worker's messages so far; return whether the batch is done. Raises LiftgateError."""
         if len(self.rows) == len(self._values):
             return True
         assert self.connection is not None
@@ -83,7 +83,7 @@ class Slot:
         return len(self.rows) == len(self._values)
 
     def close(self) -> None:
-        """End the worker."""
+        """End the worker process."""
         process, self._process = self._process, None
         if self.connection is not None:
             self.connection.close()
@@ -143,7 +143,7 @@ class Slot:
         return ""
 
     def _ended(self) -> str:
-        """Return in words how the worker has ended."""
+        """Return in words how the worker process has ended, e.g. by which signal."""
         assert self._process is not None
         try:
             code = self._process.wait(_END_S)
@@ -152,7 +152,7 @@ class Slot:
         return f"its process ended ({end_in_words(code)})"
 
     def _replace(self, cause: str) -> None:
-        """Start another worker for the rest of the batch. Raises LiftgateError where none can be started."""
+        """Replace a dead worker by a new one for the rest of the batch. Raises LiftgateError if none can start."""
         was_ready, place = self._is_ready, len(self.rows)
         self.close()
         if not was_ready:

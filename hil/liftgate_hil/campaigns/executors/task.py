@@ -1,4 +1,4 @@
-"""Task of a Dask cluster: a batch of variants, evaluated in a slot of the worker that has taken it.
+"""Task of a Dask cluster: evaluates a batch of variants in a slot (worker process) of a Dask worker.
 
 A slot that evaluates is its task's alone: nobody can take it or end it from outside. Idle ones are kept.
 """
@@ -35,9 +35,9 @@ class _Idle(NamedTuple):
 
 
 class IdleSlots:
-    """Idle slots of this process, for any of its threads.
+    """Pool of this process's idle slots, shared by its threads.
 
-    One that is not taken for a minute is ended: a client that was killed has not asked for its end.
+    A slot that is not taken for a minute is ended: a client that was killed has not asked for its end.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class IdleSlots:
         self._is_watched = False
 
     def take(self, token: str) -> Slot | None:
-        """Return the slot of a client that has been idle for the shortest time; None: there is none."""
+        """Take the most recently used idle slot of a client from the pool; None: the client has none."""
         with self._lock:
             for place in reversed(range(len(self._idle))):
                 if self._idle[place].token == token:
@@ -54,7 +54,7 @@ class IdleSlots:
         return None
 
     def put(self, token: str, slot: Slot) -> None:
-        """Keep a slot for the next batch of its client."""
+        """Put a slot into the pool, for the next batch of its client."""
         with self._lock:
             self._idle.append(_Idle(token, time.monotonic(), slot))
             if not self._is_watched:
@@ -62,7 +62,7 @@ class IdleSlots:
                 threading.Thread(target=self._watch, name="idle slots", daemon=True).start()
 
     def end(self, token: str) -> None:
-        """End the slots of a client."""
+        """End the idle slots of a client."""
         with self._lock:
             ended = [each for each in self._idle if each.token == token]
             self._idle = [each for each in self._idle if each.token != token]
@@ -70,7 +70,7 @@ class IdleSlots:
             each.slot.close()
 
     def _watch(self) -> None:
-        """End slots that have been idle for too long, until there are none."""
+        """End slots that have been idle for too long, until the pool is empty."""
         while True:
             time.sleep(_WATCH_S)
             first = time.monotonic() - _IDLE_S
@@ -88,7 +88,7 @@ _idle = IdleSlots()  # of this worker of the cluster
 
 
 class TaskResult(NamedTuple):
-    """Answer of a task; either the batch is stored, or its table is here, or it was refused."""
+    """Result of a task: the batch was stored, or its table is returned, or the worker refused it."""
 
     retried: int
     table: bytes = b""  # Parquet; empty: the worker has stored it
@@ -96,22 +96,22 @@ class TaskResult(NamedTuple):
 
 
 class PickledBase(NamedTuple):
-    """A pickled base, compressed, as each task carries it: what is scattered is lost with those that hold it."""
+    """Compressed, pickled base of a campaign, sent with each task: Dask loses scattered data with its workers."""
 
     packed: bytes
 
     @classmethod
     def of(cls, base: Base) -> PickledBase:
-        """Return the content of a base."""
+        """Return the base pickled and compressed."""
         return cls(zlib.compress(pickle.dumps(base)))
 
     def pickled(self) -> bytes:
-        """Return the pickled base."""
+        """Return the pickled base, decompressed."""
         return zlib.decompress(self.packed)
 
 
 def evaluated(content: PickledBase, token: str, values: Floats, name: str, store: Store, mark: str) -> TaskResult:
-    """Evaluate a batch in this worker of the cluster, in a slot of the client that `token` names.
+    """Evaluate a batch in this Dask worker, in a slot of the client that `token` names; return the result.
 
     Raises LiftgateError, StoreError; Reschedule, on which the scheduler has the task run again, where nobody waits
     for it any more.
@@ -142,7 +142,7 @@ def evaluated(content: PickledBase, token: str, values: Floats, name: str, store
 
 
 def _evaluate(slot: Slot, values: Floats) -> None:
-    """Have a slot evaluate a batch. Raises as `evaluated`."""
+    """Evaluate a batch in a slot, and wait until it is done. Raises as `evaluated`."""
     from distributed import Reschedule, get_worker
 
     worker = get_worker()
@@ -156,18 +156,18 @@ def _evaluate(slot: Slot, values: Floats) -> None:
 
 
 def _is_wanted(worker: Any, key: Any) -> bool:
-    """Whether a client waits for a task: the scheduler cancels those of one that has stopped, or was killed."""
+    """Whether a client still waits for a task: the scheduler cancels the tasks of a client that has ended."""
     task = worker.state.tasks.get(key)
     return task is not None and task.state != "cancelled"
 
 
 def end_slots(token: str) -> None:
-    """End the idle slots of a client in this worker of the cluster; those at work end with their tasks."""
+    """End a client's idle slots in this Dask worker; slots at work end with their tasks."""
     _idle.end(token)
 
 
 def differs(given: Any, wanted: Mapping[str, str]) -> str:
-    """Return what differs in a worker's versions, in words; "": nothing."""
+    """Return the differences between a worker's package versions and the wanted ones, in words; "": none."""
     if not isinstance(given, Mapping):
         return f"liftgate-hil is not there: {words_of(given) if isinstance(given, BaseException) else given}"
     wrong = [

@@ -1,4 +1,4 @@
-"""A campaign's worker process: evaluates variants as they come, and answers with a row each.
+"""Worker process of a campaign: evaluates the variants that it receives, and answers with a result row each.
 
 python -P -m liftgate_hil.campaigns.executors.worker SOCKET FILE      descriptors: the other end of the socket is a
 `Slot`, the file holds the pickled base and the caller's module path
@@ -32,7 +32,7 @@ BEAT_S = 1.0  # from one sign of life to the next
 
 
 def main() -> int:
-    """Evaluate what the caller sends until it closes the connection; return the exit code."""
+    """Evaluate the variants that the caller sends until it closes the connection; return the exit code."""
     from liftgate_hil.campaigns.executors.forked import become_reaper
     from liftgate_hil.config.can_libraries import unpickled
 
@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """End this process, and all that users' ECUs have started."""
+    """Handle a signal: end this process, and all processes that users' ECUs have started."""
     from liftgate_hil.campaigns.executors.forked import end_children
 
     end_children()
@@ -93,7 +93,7 @@ def _serve(connection: Connection, messenger: _Messenger, evaluator: Evaluator, 
 
 
 class _Messenger:
-    """Sends messages to the caller, and signs of life while something takes its time."""
+    """Sender of messages to the caller, with heartbeats during long operations."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection, self._lock = connection, threading.Lock()
@@ -102,13 +102,13 @@ class _Messenger:
         threading.Thread(target=self._beat, daemon=True).start()
 
     def send(self, *message: Any) -> None:
-        """Send a message."""
+        """Send a message to the caller."""
         with self._lock:
             self._connection.send(message)
 
     @contextlib.contextmanager
     def beating(self, evaluator: Evaluator | None = None) -> Iterator[None]:
-        """Context in which signs of life are sent, with the progress of an evaluator."""
+        """Context in which heartbeats are sent to the caller, with the progress of an evaluator."""
         self._evaluator = evaluator
         self._is_busy.set()
         try:
@@ -133,7 +133,7 @@ class _Messenger:
 
 
 def _row_of(evaluator: Evaluator, values: Sequence[float]) -> Row:
-    """Return the row of a variant, evaluated in a child of this process; it is an error if two of them die."""
+    """Evaluate a variant in a child process, and return its result row: an error if two children die."""
     from liftgate_hil.campaigns.evaluation import error_row
 
     began, cause = time.perf_counter(), ""
@@ -145,7 +145,7 @@ def _row_of(evaluator: Evaluator, values: Sequence[float]) -> Row:
 
 
 def _tried(evaluator: Evaluator, values: Sequence[float]) -> tuple[Row | None, str]:
-    """Return the row, or None and why there is none."""
+    """Evaluate a variant once in a child process; return (its row, ""), or (None, why there is none)."""
     from liftgate_hil.campaigns.executors.forked import answer_of
 
     evaluator.reset()

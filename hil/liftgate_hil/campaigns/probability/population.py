@@ -38,10 +38,10 @@ _LEAST_LENGTH = 0.02  # where nothing is accepted, for example on a thin plateau
 
 
 class Cells:
-    """A partition of the space into `count` cells, whose `probabilities` (count,) are the standard normal's."""
+    """Partition of standard normal space into `count` cells, which have `probabilities` (count,)."""
 
     def __init__(self, pockets: Floats, connected: Iterable[tuple[int, int]], most: int, seed: int) -> None:
-        """Give each of the pockets (k, d), none at the origin, a cell; connected ones, and near ones, share it."""
+        """Make a cell for each pocket (k, d), none at the origin; connected or near pockets share a cell."""
         count, dimension = pockets.shape
         self.dimension = dimension
         self._directions = pockets / np.linalg.norm(pockets, axis=1)[:, None]
@@ -67,13 +67,13 @@ class Cells:
         self.probabilities = np.bincount(self._labels, shares) if self.count > 1 else np.ones(1)
 
     def holds(self, cell: int, points: Floats) -> NDArray[np.bool_]:
-        """Tell which of the points (n, d) are in the cell."""
+        """Return a mask (n,) of the points (n, d) that are in a cell."""
         if self.count == 1:
             return np.ones(len(points), dtype=np.bool_)
         return np.equal(self._labels[self._nearest(points)], cell)
 
     def draw(self, cell: int, size: int, rng: np.random.Generator) -> Floats:
-        """Return standard normal points (size, d) in the cell."""
+        """Draw standard normal points (size, d) within a cell."""
         found = np.zeros((0, self.dimension))
         while len(found) < size:
             points = rng.standard_normal((size, self.dimension))
@@ -86,7 +86,7 @@ class Cells:
 
 
 def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:
-    """Return the pairs of pockets and the points (pairs * 3, d) between; all fail where a pair is connected."""
+    """Return all pairs of pockets, and the points (pairs * 3, d) between; of a connected pair all fail."""
     pairs = [(i, j) for i in range(len(pockets)) for j in range(i)]
     places = np.array(_BETWEEN)[:, None]
     lines = [pockets[i] + places * (pockets[j] - pockets[i]) for i, j in pairs]
@@ -94,7 +94,7 @@ def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:
 
 
 class SubsetLevel(NamedTuple):
-    """Level of subset simulation: a threshold that a run has reached; the last one of a run is the failure."""
+    """Level of subset simulation: a margin threshold that a run has reached; its last one is failure."""
 
     cell: int
     run: int
@@ -104,7 +104,7 @@ class SubsetLevel(NamedTuple):
 
 
 class Population(NamedTuple):
-    """A run's end in its cell."""
+    """Final population of a run in its cell: its levels, its probability of failure, its failing points."""
 
     levels: tuple[SubsetLevel, ...]
     reached: float  # probability of the cell and the last level before failure
@@ -116,7 +116,7 @@ class Population(NamedTuple):
 
 
 class _State(NamedTuple):
-    """A population in its level."""
+    """Population of a run at its present level: points, margins and Markov chains."""
 
     points: Floats  # (n, d)
     margins: Floats  # (n,)
@@ -169,7 +169,7 @@ def populate(run: Run, rng: np.random.Generator) -> Generator[Floats, Floats, Po
 
 
 def _relative_variance(kept: NDArray[np.bool_], groups: Indices) -> float:
-    """Return the variance of the share of points that are kept, relative to its square.
+    """Return the variance of the share of kept points, divided by the square of this share.
 
     Points of one group are correlated, and groups are not: Au and Beck's sum (2001). Their groups are
     the chains; those of the level before include part of the correlation between levels.
@@ -179,7 +179,7 @@ def _relative_variance(kept: NDArray[np.bool_], groups: Indices) -> float:
 
 
 def _next_threshold(margins: Floats) -> float | None:
-    """Return the margin at or below which SHARE of the population is; None where no level leads on.
+    """Return the next level's threshold, the SHARE quantile of the margins; None: no lower level exists.
 
     Equal margins are in or out together, so that the share may be larger. Where they are half of the population
     and more, the level is the margin below them, however few are there.
@@ -195,7 +195,7 @@ def _next_threshold(margins: Floats) -> float | None:
 def _moved(
     run: Run, seeds: _State, threshold: float, size: int, rng: np.random.Generator
 ) -> Generator[Floats, Floats, _State]:
-    """Return a population of `size` points at or below the threshold: chains from the seeds, and these themselves.
+    """Return `size` points at or below the threshold: the seeds, and Markov chains that start at them.
 
     A proposal is √(1 - s²) z + s ξ (Papaioannou et al.). One outside the cell is rejected and costs
     no evaluation. The chains move at once; after each step the length s is adapted to how many were accepted.
@@ -223,7 +223,7 @@ def _moved(
 
 
 def side_by_side(runs: Sequence[Generator[Floats, Floats, Result]]) -> Generator[Floats, Floats, list[Result]]:
-    """Advance several runs at once, so that the points for which they wait are one batch; return their results."""
+    """Advance several runs (generators) in step, with their points in one batch; return their results."""
     results: dict[int, Result] = {}
     waiting = {number: next(run) for number, run in enumerate(runs)}
     while waiting:

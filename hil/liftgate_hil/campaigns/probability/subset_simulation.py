@@ -55,7 +55,7 @@ _NONE_SEEN = 3.0  # over n: 95 % upper limit of a probability of which n indepen
 
 
 class Sample(NamedTuple):
-    """Failing points to resemble."""
+    """Weighted failing points to which components of a mixture are fitted."""
 
     points: Floats  # (n, d)
     weights: Floats  # (n,); their sum is the probability of failure for which they stand
@@ -70,7 +70,7 @@ class Mixture:
     """
 
     def __init__(self, samples: Iterable[Sample], pockets: Floats) -> None:
-        """Fit components to each of the samples, and give each of the pockets (k, d) one of variance 1."""
+        """Fit components to each of the samples, and add one of variance 1 at each of the pockets (k, d)."""
         self._means: list[Floats] = []
         self._axes: list[Floats] = []
         self._variances: list[Floats] = []
@@ -92,7 +92,7 @@ class Mixture:
             self._variances.append(np.ones(len(pocket)))
 
     def draw(self, size: int, rng: np.random.Generator) -> Floats:
-        """Return `size` points (size, d)."""
+        """Draw random points (size, d) from the mixture."""
         which = rng.choice(len(self._shares), size, p=self._shares)
         points = rng.standard_normal((size, len(self._means[0])))
         for k, (mean, axes, variances) in enumerate(zip(self._means, self._axes, self._variances, strict=True)):
@@ -100,7 +100,7 @@ class Mixture:
         return points
 
     def weights(self, points: Floats) -> Floats:
-        """Return the standard normal density over the mixture's, (n,), at the points (n, d)."""
+        """Return the importance weights (n,) of points (n, d): standard normal density / mixture's density."""
         logarithms = [
             np.log(share) - 0.5 * np.sum(((points - mean) @ axes) ** 2 / variances + np.log(variances), axis=1)
             for share, mean, axes, variances in zip(
@@ -112,7 +112,7 @@ class Mixture:
         return ratios
 
     def _add(self, sample: Sample) -> list[Sample]:
-        """Add one component for the sample, or return its halves along the axis in which it is too wide for one.
+        """Add a component for a sample, or return the sample's halves where it is too wide for one component.
 
         Of n independent standard normal points, the variances along the principal axes are up to (1 + √(d / n))²
         (Marchenko and Pastur 1967): below, a larger one is noise.
@@ -136,7 +136,7 @@ class Mixture:
 
 @dataclass(frozen=True)
 class SubsetEstimate:
-    """A probability of failure."""
+    """Estimated probability of failure, with its 95 % interval and the method used."""
 
     probability: float  # 0 where nothing has failed: `high` is then all that is known
     low: float  # of the 95 % interval
@@ -150,7 +150,7 @@ class SubsetEstimate:
 
 
 class _Coverage(NamedTuple):
-    """Share of the failing points of the populations that lie where a mixture draws."""
+    """Share of the populations' failing points whose importance weight with a mixture is within a limit."""
 
     share: float  # P(A | F)
     variance: float  # of `share`
@@ -190,7 +190,7 @@ def subset_simulation(
 
 
 class _Simulation:
-    """The stages of one estimate; whoever advances `steps` counts what it has used."""
+    """Stages of one probability estimate, as a generator; its caller counts the evaluations in `used`."""
 
     def __init__(self, dimension: int, seed: int, pockets: Floats, evaluations: int) -> None:
         self.used = 0
@@ -202,7 +202,7 @@ class _Simulation:
         self._levels: tuple[SubsetLevel, ...] = ()
 
     def steps(self) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Yield points, be sent margins without NaN, and return the estimate."""
+        """Run all stages: yield points, receive margins without NaN, and return the estimate."""
         connected: list[tuple[int, int]] = []
         if len(self._pockets) > 1:
             pairs, points = between(self._pockets)
@@ -226,7 +226,7 @@ class _Simulation:
         return self._evaluations - self.used
 
     def _rng(self, *stage: int) -> np.random.Generator:
-        """Return the generator of a stage, whatever was drawn in others; stage 0 is the cells' own."""
+        """Return the random generator of a stage, independent of other stages; stage 0 is for the cells."""
         return np.random.default_rng((self._seed, *stage))
 
     def _populations(
@@ -244,7 +244,7 @@ class _Simulation:
         return [populations[i * cells.count : (i + 1) * cells.count] for i in range(len(numbers))]
 
     def _monte_carlo(self) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the share of failures among independent points, with Clopper and Pearson's interval."""
+        """Return the Monte Carlo estimate: the share of failures among independent points."""
         count = self._left
         margins = yield self._rng(2).standard_normal((count, self._dimension))
         failed = int(np.sum(margins < 0.0))
@@ -252,7 +252,7 @@ class _Simulation:
         return self._estimate("Monte Carlo", failed / count, variation, clopper_pearson(failed, count))
 
     def _bound(self, runs: Sequence[Cellwise]) -> SubsetEstimate:
-        """Return the upper bound when no point has failed: the last levels' probability, none failing there."""
+        """Return the estimate when no point has failed: 0, with an upper bound by the last levels reached."""
         high = 0.0
         for cell in zip(*runs, strict=True):
             reached = max(each.reached for each in cell)
@@ -260,7 +260,7 @@ class _Simulation:
         return self._estimate("subset simulation", 0.0, math.inf, (0.0, high))
 
     def _about_pockets(self, bound: SubsetEstimate) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the probability about the pockets, to which no level leads: that of others is only bounded."""
+        """Return the importance sampling estimate around the pockets, where no population has failed."""
         if not len(self._pockets):
             return bound
         mixture = self._mixture([])
@@ -313,7 +313,7 @@ class _Simulation:
     def _larger(
         self, cells: Cells, runs: list[list[Population]], size: int
     ) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the estimate of the populations, and of another one for what is left of the evaluations."""
+        """Return the populations' estimate, with one more population for the remaining evaluations."""
         spent = sum(1.0 + (len(each.levels) - 1) * (1.0 - SHARE) for run in runs for each in run) / len(runs)
         larger = int(_LEFT * self._left / spent)
         shares = np.full(len(runs), float(size))
@@ -328,7 +328,7 @@ class _Simulation:
     def _estimate(
         self, method: str, probability: float, variation: float, interval: tuple[float, float] | None = None
     ) -> SubsetEstimate:
-        """Return the estimate with its interval, log-normal where none is given."""
+        """Build the estimate from its statistics, with a log-normal interval where none is given."""
         if interval is None:
             width = _QUANTILE * math.sqrt(math.log1p(variation**2))
             interval = probability * math.exp(-width), min(1.0, probability * math.exp(width))
@@ -342,7 +342,7 @@ def _probability(run: Cellwise) -> float:
 
 
 def _samples(runs: Sequence[Cellwise]) -> list[Sample]:
-    """Return the failing points of each cell, those of its populations together."""
+    """Return a sample for each cell: the failing points of all populations in it."""
     samples = []
     for cell in zip(*runs, strict=True):
         there = [each for each in cell if each.probability > 0.0]
@@ -355,7 +355,7 @@ def _samples(runs: Sequence[Cellwise]) -> list[Sample]:
 
 
 def _weighted_samples(cells: Cells, points: Floats, weights: Floats) -> list[Sample]:
-    """Return the failing points (n, d) of importance sampling, of each cell, with Kish's number as independent."""
+    """Return a sample for each cell of weighted failing points (n, d), with Kish's effective sample size."""
     samples = []
     for cell in range(cells.count):
         inside = cells.holds(cell, points) & (weights > 0.0)  # of points far out, a weight may be rounded to 0
@@ -366,7 +366,7 @@ def _weighted_samples(cells: Cells, points: Floats, weights: Floats) -> list[Sam
 
 
 def _coverage(mixture: Mixture, runs: Sequence[Cellwise], limit: float) -> _Coverage:
-    """Return how the mixture covers the failing points of the runs, where weights are at most `limit`."""
+    """Return how many of the runs' failing points a mixture covers with weights of at most `limit`."""
     total = sum(_probability(run) for run in runs)
     share = weight = chains = 0.0
     apart = []  # of each run: its share of the total, covered and in all

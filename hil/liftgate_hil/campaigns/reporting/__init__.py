@@ -1,1 +1,1 @@
-"""Reports of campaigns: summary, heat maps, sensitivity, sections, the page."""
+"""Reports of campaigns: summary, heat maps, sensitivity, report sections, the HTML page."""

@@ -1,4 +1,4 @@
-"""Sections of a campaign's report on a search for the worst and on a probability."""
+"""Sections of a campaign's report on a worst-case search and on a probability estimate."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def first_failure(history: Sequence[Evaluated]) -> int | None:
 # fmt: off
 @dataclass(frozen=True)
 class DrawsResult(DescribedResult):
-    """What random draws have found."""
+    """Result of the random draws that a worst-case search is compared with."""
 
     evaluations: Annotated[int, Shown("number of draws")]
     margin: Annotated[float | None, Shown("smallest margin, in the expectation's unit; null: no draw has one")]
@@ -45,7 +45,7 @@ class DrawsResult(DescribedResult):
 
 @dataclass(frozen=True)
 class WorstResult(DescribedResult):
-    """What a search has found; its smallest margin is that of all evaluations, random draws included."""
+    """Result of a worst-case search; its smallest margin is that of all evaluations, random draws included."""
 
     expectation: Annotated[str, Shown("`--worst`, `--probability`: name of the expectation")]
     variant: Annotated[str, Shown("`--worst`: the variant with the smallest margin, as in `results.parquet`")]
@@ -68,7 +68,7 @@ class WorstResult(DescribedResult):
 
 @dataclass(frozen=True)
 class ProbabilityResult(DescribedResult):
-    """What an estimate of a probability has found; NaN: unknown."""
+    """Result of a probability estimate; NaN: unknown."""
 
     expectation: Annotated[str, Shown("`--worst`, `--probability`: name of the expectation")]
     probability: Annotated[float, Shown("`--probability`: probability of failure, 0 to 1; null: unknown")]
@@ -88,7 +88,7 @@ class ProbabilityResult(DescribedResult):
 def worst_result(
     found: Worst, expectation: str, variant: str, names: Sequence[str], unit: str = ""
 ) -> WorstResult:
-    """Return the result of a search; `unit` is that of the margins; "": they have none, or several."""
+    """Return a search's result for campaign.json; `unit` is the margins': "" if they have none, or several."""
     best, drawn, random = least_of(found.everything), least_of(found.random), found.random
     return WorstResult(
         expectation,
@@ -113,7 +113,7 @@ def worst_result(
 
 
 def worst_section(found: Worst, expectation: str, units: Mapping[str, str], line: str, unit: str = "") -> str:
-    """Return the report's section on a search.
+    """Return the report's HTML section on a worst-case search.
 
     `units` are those of all varied names, in their order; `line` runs the found variant again, `unit` is the
     margins'.
@@ -169,7 +169,7 @@ def _convergence(found: Worst) -> Figure:
 
 
 def probability_result(found: Probability, expectation: str) -> ProbabilityResult:
-    """Return the result of an estimate."""
+    """Return a probability estimate's result for campaign.json."""
     own = found.estimate
     is_known = own.unknown < own.evaluations
     return ProbabilityResult(
@@ -187,7 +187,7 @@ def probability_result(found: Probability, expectation: str) -> ProbabilityResul
 
 
 def probability_section(found: Probability, expectation: str) -> str:
-    """Return the report's section on a probability."""
+    """Return the report's HTML section on a probability estimate."""
     own = found.estimate
     if own.unknown == own.evaluations:
         return section("Probability of failure", f"<p>No variant has a margin of “{text(expectation)}”.</p>")

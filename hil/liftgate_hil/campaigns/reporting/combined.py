@@ -1,4 +1,4 @@
-"""Report of several campaigns on one page: what each has found on the first screen, the evidence below."""
+"""Report of several campaigns on one page: the findings of each on the first screen, the evidence below."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FEW = 8  # values of a varied name that are a table's rows
 
 
 class PartResult(NamedTuple):
-    """Results of one campaign of the report."""
+    """Results of one campaign in a combined report."""
 
     title: str
     summary: CampaignSummary
@@ -32,7 +32,7 @@ class PartResult(NamedTuple):
 def combined_report(
     title: str, description: str, parts: Sequence[PartResult], provenance: Provenance, has_all: bool, ecu: str
 ) -> str:
-    """Return the page; `has_all`: no part is missing. `ecu` names the ECU."""
+    """Return the report's HTML page; `has_all`: no campaign is missing. `ecu` names the ECU."""
     number = sum(each.summary.count for each in parts)
     is_complete = has_all and all(each.is_complete for each in parts)
     return page(
@@ -49,7 +49,7 @@ def combined_report(
 
 
 def _first(part: PartResult) -> str:
-    """Return what a part has found: a sentence, its numbers, what is judged; then the forces."""
+    """Return a campaign's main section as HTML: a sentence, key numbers, expectations, pinch forces."""
     summary = part.summary
     return section(
         part.title,
@@ -74,7 +74,7 @@ def _evidence(part: PartResult, number: int) -> str:
 
 
 def by_value(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the forces by the values of the name that explains most of them; "": it has too many values."""
+    """Return a table of pinch forces by the value that explains most of them; "": it has too many values."""
     top = next(iter(summary.force_indices), None)
     if top is None:
         return ""

@@ -25,7 +25,7 @@ _SHOWN = 20
 # fmt: off
 @dataclass(frozen=True)
 class ResultsComparison(DescribedResult):
-    """Comparison of two files of results."""
+    """Comparison of two result files with the same variants."""
 
     names: Annotated[tuple[str, str], Shown("names of the ECUs: [first, second]", key="ecus")]
     variants: Annotated[int, Shown("variants that both have gone through")]
@@ -35,13 +35,13 @@ class ResultsComparison(DescribedResult):
     @property
     def count(self) -> Annotated[int, Shown("variants whose verdict or margins differ, see "
             "`differences.parquet`", key="differing")]:
-        """Number of variants that differ."""
+        """Number of variants whose verdict or margins differ."""
         return int(self.differing.num_rows)
 
     @property
     def verdicts(self) -> Annotated[Mapping[str, int], Shown("variants by the two verdicts", names=("PAIR",),
             meanings=("number of variants; the key is e.g. `pass / fail`",))]:
-        """Numbers of variants by both verdicts."""
+        """Number of variants by the pair of verdicts, e.g. `pass / fail`."""
         return {f"{one} / {other}": number for (one, other), number in sorted(self.pairs.items())}
 
 
@@ -49,7 +49,7 @@ class ResultsComparison(DescribedResult):
 def comparison_of(
     own: Path, other: Path, varied: Sequence[str], expectations: Sequence[str], names: tuple[str, str]
 ) -> ResultsComparison:
-    """Return the comparison of two files of results with the same variants in the same order.
+    """Compare two result files with the same variants in the same order.
 
     Verdicts that differ come first, then margins, by their largest difference in an expectation's unit.
     Raises StoreError.
@@ -84,7 +84,7 @@ def comparison_of(
 
 
 def comparison_section(found: ResultsComparison, units: Mapping[str, str]) -> str:
-    """Return the report's section on a comparison; `units` are those of all varied names, in their order."""
+    """Return the report's HTML section on a comparison; `units` are those of all varied names, in order."""
     one, other = found.names
     if not found.count:
         story = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."

@@ -31,7 +31,7 @@ p.key { color: var(--soft); font-size: .85rem; margin: .1rem 0 .8rem; }
 
 
 class HeatMapCells(NamedTuple):
-    """Cells of a heat map: the worst result in each, and how the rows and columns are called."""
+    """Cells of a heat map: the worst result in each, and the labels of the rows and columns."""
 
     rows: tuple[str, ...]
     columns: tuple[str, ...]
@@ -39,7 +39,7 @@ class HeatMapCells(NamedTuple):
 
 
 def cells_of(across: Floats, down: Floats, results: Floats, is_low_worst: bool) -> HeatMapCells:
-    """Return the worst result (n,) in each cell over two varied values (n,)."""
+    """Return heat map cells over two varied values (n,), each with the worst of its results (n,)."""
     columns, column_of = _classes(across, _CLASSES)
     rows, row_of = _classes(down, _CLASSES)
     sign = -1.0 if is_low_worst else 1.0
@@ -62,7 +62,7 @@ def _classes(values: Floats, most: int) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def _is_logarithmic(values: Floats) -> bool:
-    """Whether the middle of values is nearer to the geometric than to the arithmetic mean of their ends."""
+    """Whether the median of values is nearer to the geometric than to the arithmetic mean of the extremes."""
     low, middle, high = (float(each) for each in np.quantile(values, (0.02, 0.5, 0.98)))
     if low <= 0.0 or values.min() <= 0.0:
         return False
@@ -79,7 +79,7 @@ def heat_map(
     *,
     is_judged: bool = True,
 ) -> str:
-    """Return the heat map as HTML; a cell is green at `good`, yellow at `bad`, and red and framed beyond it.
+    """Return the heat map as an HTML table; a cell is green at `good`, yellow at `bad`, red and framed beyond.
 
     A result that is not judged is neither: the shade of blue grows from `good` to `bad`. `across` and `down` are
     the labels of the two values.
@@ -97,7 +97,7 @@ def heat_map(
 
 
 def label_of(name: str, units: Mapping[str, str]) -> str:
-    """Return a varied name with its unit."""
+    """Return the label of a varied name: the name with its unit."""
     unit = units.get(name, "")
     return f"{name} [{unit}]" if unit else name
 

@@ -1,4 +1,4 @@
-"""Report of a campaign as one HTML page: what was found on its first screen, the evidence below."""
+"""Report of a campaign as one HTML page: the findings on its first screen, the evidence below."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ th { vertical-align: bottom; } th.r { white-space: normal; } td code { white-spa
 
 
 def tile(number: str, words: str, kind: str = "") -> str:
-    """Return a number with what it is of; `kind` is "bad", "fine" or ""."""
+    """Return a key number and its caption as an HTML tile; `kind` is "bad", "fine" or "", its colour."""
     return f'<div class="tile {kind}"><b>{text(number)}</b><span>{text(words)}</span></div>'
 
 
@@ -60,7 +60,7 @@ def report(
     choice: Choice = "sample",
     ecu: str = REFERENCE,
 ) -> str:
-    """Return the page; `units` are those of varied names, `more` are further sections.
+    """Return the report's HTML page; `units` are those of varied names, `more` are further sections.
 
     `choice` is how the variants were chosen: only of a random sample a share is a probability. `ecu` names the
     ECU.
@@ -92,7 +92,7 @@ def has_forces(summary: CampaignSummary) -> bool:
 
 
 def tiles(summary: CampaignSummary, choice: Choice = "sample") -> str:
-    """Return the most important numbers; `choice` as for `report`."""
+    """Return the most important numbers as HTML tiles; `choice` as for `report`."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
@@ -114,7 +114,7 @@ def tiles(summary: CampaignSummary, choice: Choice = "sample") -> str:
 
 
 def _force_tiles(summary: CampaignSummary) -> list[str]:
-    """Return the largest force; it is good or bad only by a limit that is judged."""
+    """Return the HTML tiles of the largest pinch force, coloured only where a force limit is judged."""
     force = summary.force[np.isfinite(summary.force)]
     largest, limit = float(force.max()), summary.force_limit
     if limit is not None:
@@ -128,7 +128,7 @@ def _force_tiles(summary: CampaignSummary) -> list[str]:
 
 
 def interval(failed: int, count: int) -> str:
-    """Return the 95 % interval of a share, in percent."""
+    """Return the 95 % confidence interval of the share failed/count as text, in percent."""
     if not count:
         return "unknown"
     low, high = clopper_pearson(failed, count)
@@ -136,7 +136,7 @@ def interval(failed: int, count: int) -> str:
 
 
 def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two; `units` are those of varied names."""
+    """Return the result in a sentence or two, as HTML; `units` are those of varied names."""
     counts = summary.counts
     failed = counts.get("fail", 0)
     decided = summary.count - counts.get("error", 0) - counts.get("inconclusive", 0)
@@ -151,7 +151,7 @@ def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
 
 
 def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the largest forces by the value that explains most of them, in a sentence."""
+    """Return a sentence on the largest pinch forces, by the varied value that explains most of them."""
     top = next(iter(summary.force_indices), None)
     if top is None or not has_forces(summary) or top.first_order < _TELLING:
         return ""
@@ -166,7 +166,7 @@ def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
 
 
 def heat_section(summary: CampaignSummary, units: Mapping[str, str], has_margin: bool = True) -> str:
-    """Return the heat maps over the two values that matter most; "": fewer than two vary."""
+    """Return the heat maps over the two most influential values as HTML; "": fewer than two vary."""
     indices = {each.name: each.first_order for each in (summary.force_indices or summary.indices)}
     varying = [name for name, each in summary.values.items() if len(np.unique(each)) > 1]
     names = sorted(varying, key=lambda name: -indices.get(name, 0.0))[:2]
@@ -203,7 +203,7 @@ def _empty(cells: HeatMapCells, why: str) -> str:
 
 
 def requirements(summary: CampaignSummary) -> str:
-    """Return the table of expectations."""
+    """Return the HTML table of expectations: numbers of verdicts, and the smallest margin."""
     rows = [
         (
             each.name,
@@ -221,7 +221,7 @@ def requirements(summary: CampaignSummary) -> str:
 
 
 def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice = "sample") -> list[str]:
-    """Return the tables of first-order indices; `units` and `choice` as for `report`.
+    """Return the HTML tables of first-order Sobol indices; `units` and `choice` as for `report`.
 
     Variants that a search has chosen have none: their values depend on each other.
     """
@@ -252,17 +252,17 @@ def drivers(summary: CampaignSummary, units: Mapping[str, str], choice: Choice =
 
 
 def _margin_label(summary: CampaignSummary) -> str:
-    """Return the label of the margin that drives the summary, with its unit."""
+    """Return the label, with unit, of the margin that the summary is about."""
     return _with_unit(_margin_words(summary.driver), summary.driver, summary)
 
 
 def _margin_words(column: str) -> str:
-    """Return the words for a column of margins."""
+    """Return the label of a column of margins, without its unit."""
     return f"margin of “{column.removeprefix(MARGIN)}”"
 
 
 def _with_unit(words: str, column: str, summary: CampaignSummary) -> str:
-    """Return words with the unit of a result, if it has one."""
+    """Return a label with the unit of a result column, if it has one."""
     units = {f"{MARGIN}{each.name}": each.unit for each in reversed(summary.expectations)} | {FORCE: "N"}
     return label_of(words, {words: units.get(column, "")})
 
@@ -272,7 +272,7 @@ def _bar(share: float) -> Markup:
 
 
 def distributions(summary: CampaignSummary, prefix: str = "") -> list[str]:
-    """Return the histograms; `prefix` makes their identifiers unique on a page with several."""
+    """Return HTML histograms of forces and margins; `prefix` keeps their identifiers unique on a page."""
     parts = []
     if summary.every > 1:
         parts.append(f'<p class="soft">Of each {summary.every}th variant, as are heat maps and indices.</p>')
@@ -307,7 +307,7 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
 
 
 def worst(summary: CampaignSummary, units: Mapping[str, str], folder: str) -> str:
-    """Return the table of the worst variants, with the command that runs one again."""
+    """Return the HTML table of the worst variants, with the command that runs one again."""
     has_margin = summary.driver != FORCE
     margin = [_with_unit("margin", summary.driver, summary)] if has_margin else []
     names = [breakable(label_of(each, units)) for each in summary.values]
@@ -333,7 +333,7 @@ def worst(summary: CampaignSummary, units: Mapping[str, str], folder: str) -> st
 
 
 def incomplete(is_complete: bool) -> str:
-    """Return the alert of a campaign that was stopped; "": it was not."""
+    """Return the HTML alert that a campaign was stopped early; "": it is complete."""
     if is_complete:
         return ""
     return alert(["Incomplete: variants that were not evaluated stand as errors. Go on with --resume."])

@@ -34,7 +34,7 @@ _ERRORS = 5  # kinds of errors that are listed
 
 
 class Index(NamedTuple):
-    """First-order index of a varied value."""
+    """First-order Sobol index of a varied value."""
 
     name: str
     first_order: float  # 0 to 1
@@ -44,7 +44,7 @@ class Index(NamedTuple):
 
 
 def first_order(values: Mapping[str, Floats], results: Floats) -> list[Index]:
-    """Return the indices of varied values (n,) on results (n,), the largest first; none where results do not vary.
+    """Return the Sobol indices of varied values (n,) on results (n,), largest first; none if results are equal.
 
     Variants without a result (NaN) are left out.
     """
@@ -63,7 +63,7 @@ def first_order(values: Mapping[str, Floats], results: Floats) -> list[Index]:
 
 
 def classes_of(values: Floats) -> Floats | None:
-    """Return the class of each value (n,) as numbers from 0; None: all values are equal.
+    """Return the class (bin) of each value (n,) as numbers from 0; None: all values are equal.
 
     Few distinct values are classes of their own, others are divided by their quantiles.
     """
@@ -99,7 +99,7 @@ def rest_of(indices: Sequence[Index]) -> float:
 
 
 class ExpectationResults(NamedTuple):
-    """Results of one expectation."""
+    """Results of one expectation over all variants: numbers of verdicts, smallest margin."""
 
     name: str
     passed: int
@@ -122,7 +122,7 @@ class WorstVariant(NamedTuple):
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """Summary of results."""
+    """Summary of a campaign's results."""
 
     count: int
     counts: dict[str, int]  # by verdict
@@ -147,7 +147,7 @@ def summary_of(
     margin_units: Sequence[str] = (),
     force_limit: float | None = None,
 ) -> CampaignSummary:
-    """Return the summary of a file of results, which is read in parts.
+    """Return the summary of a result file (Parquet), which is read in parts.
 
     `preferred` is the expectation that the campaign is about; "": the one that fails most, else the largest force.
     `margin_units` are those of the expectations' margins; (): not told. `force_limit` [N] is the least force at
@@ -193,7 +193,7 @@ def summary_of(
 
 
 def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
-    """Return columns (n,) of each `every`-th row."""
+    """Return columns (n,) of each `every`-th row of a result file."""
     found: dict[str, list[Floats]] = {name: [] for name in columns}
     first = 0
     for part in file.iter_batches(_PART, columns=list(columns)):
@@ -204,7 +204,7 @@ def _kept(file: Any, columns: Sequence[str], every: int) -> dict[str, Floats]:
 
 
 class _Judged:
-    """Counts the results of an expectation, part by part."""
+    """Accumulator of an expectation's results over the parts of a result file."""
 
     def __init__(self, name: str, unit: str) -> None:
         self._name, self._unit = name, unit
@@ -212,7 +212,7 @@ class _Judged:
         self._least, self._variant = math.nan, ""
 
     def take(self, part: Any) -> None:
-        """Count the rows of a part."""
+        """Add the rows of a part of the result file."""
         self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
         margins = numbers_in(part, f"{MARGIN}{self._name}")
         known = np.isfinite(margins)
@@ -222,7 +222,7 @@ class _Judged:
                 self._least, self._variant = float(margins[place]), part[VARIANT][place].as_py()
 
     def result(self) -> ExpectationResults:
-        """Return the results."""
+        """Return the expectation's results over all parts added."""
         passed, failed = self._counts[PASS], self._counts[FAIL]
         undecided = self._counts.total() - passed - failed
         return ExpectationResults(self._name, passed, failed, undecided, self._least, self._variant, self._unit)

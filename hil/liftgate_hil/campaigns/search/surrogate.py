@@ -1,4 +1,4 @@
-"""Surrogate of a margin: a Gaussian process over the unit cube, and the points that it promises most of."""
+"""Surrogate of a margin: a Gaussian process over the unit cube, and the choice of promising points."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _matern(a: Floats, b: Floats) -> Floats:
 
 
 class Surrogate:
-    """A Gaussian process on the warped margins, its length scales improved step by step from batch to batch."""
+    """Gaussian process on the warped margins, whose length scales are improved from batch to batch."""
 
     def __init__(self, d: int, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -38,7 +38,7 @@ class Surrogate:
         self.fitted = False
 
     def fit(self, x: Floats, margins: Floats) -> None:
-        """Fit points (n, d) and finite margins (n,), not all equal."""
+        """Fit the Gaussian process to points (n, d) and finite margins (n,), not all equal."""
         self._middle = float(np.median(margins))
         low = float(margins.min())
         # A fifth of the whole depth at least: few low points among equal ones leave the quantile at the median.
@@ -56,23 +56,23 @@ class Surrogate:
         self.fitted = True
 
     def skill(self) -> float:
-        """Return the share of the margins' variance that a cross-validation predicts, each left out in turn."""
+        """Return the share of the margins' variance that leave-one-out cross-validation predicts."""
         inverse = cho_solve((self._factor, True), np.eye(len(self._weights)), check_finite=False)
         errors = self._weights / np.diag(inverse)
         return float(1.0 - (errors**2).mean() / self._spread) if self._spread else 0.0
 
     def warp(self, margins: Any) -> Floats:
-        """Return margins in units of their lower spread from the median; logarithmic above, where none matters."""
+        """Return margins scaled by their spread below the median; logarithmic above, where none matters."""
         t = (np.asarray(margins, dtype=np.float64) - self._middle) / self._unit
         return np.where(t > 0.0, np.log1p(np.maximum(t, 0.0)), t)
 
     def mean(self, points: Floats) -> Floats:
-        """Return the predicted warped margins (n,)."""
+        """Return the predicted warped margins (n,) at points (n, d)."""
         k = _matern(points / LENGTHS[self._scales], self._x)
         return np.asarray(self._mean + k @ self._weights)
 
     def choose(self, pool: Floats, targets: Sequence[float]) -> list[Floats]:
-        """Return for each target (a warped margin) the point likeliest to get below it, if likely enough."""
+        """Return for each target (a warped margin) the pool's point likeliest to be below it, if likely enough."""
         p = pool / LENGTHS[self._scales]
         k = _matern(self._x, p)
         half = solve_triangular(self._factor, k, lower=True, check_finite=False)
@@ -111,7 +111,7 @@ class Surrogate:
                 best, self._scales, self._noise = evidence, scales, noise
 
     def _evidence(self, scales: NDArray[np.int_], noise: int, x: Floats, y: Floats) -> float:
-        """Return the log likelihood, the signal's variance profiled out, with a weak prior at a length of 1.6."""
+        """Return the log likelihood of length scales and noise, with a weak prior at a length of 1.6."""
         try:
             factor = self._decompose(x / LENGTHS[scales], NUGGETS[noise])
         except np.linalg.LinAlgError:

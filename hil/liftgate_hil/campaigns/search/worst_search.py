@@ -41,7 +41,7 @@ POOL = 256  # candidates over the whole space and again around the worst points
 
 @contextlib.contextmanager
 def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
-    """Lend numpy's global generator to cma, which draws from it, and give the caller's state back."""
+    """Context in which numpy's global random state is that of cma; the caller's state is restored after it."""
     callers = np.random.get_state()
     np.random.set_state(state["numpy"])
     try:
@@ -54,7 +54,7 @@ def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
 
 
 class CmaDescent:
-    """A descent of cma from one point; discrete dimensions are integers in it, and snapped by the caller."""
+    """Descent by CMA-ES (package cma) from one point; discrete dimensions are integers, snapped by the caller."""
 
     def __init__(
         self, start: Floats, levels: Floats, sigma: float, seed: list[int], known: float = math.inf
@@ -84,13 +84,13 @@ class CmaDescent:
             self._cma = cma.CMAEvolutionStrategy(list(centre), sigma, options)
 
     def ask(self) -> Floats:
-        """Return the next generation, (n, d) in the unit cube."""
+        """Return the next generation of points, (n, d) in the unit cube."""
         with _numpy_state(self._state):
             self._raw = self._cma.ask()
         return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
 
     def tell(self, margins: Floats) -> None:
-        """Take the finite margins of `asked`, NaN for no verdict."""
+        """Pass the finite margins of the points `asked` to the optimiser; NaN: no verdict."""
         judged = ~np.isnan(margins)
         if not judged.any():
             self.over = True
@@ -169,7 +169,7 @@ class _Search:
         self._polished = self._is_late = self._is_skilled = False
 
     def propose(self) -> Floats:
-        """Return the next batch (n, d), at most what is left of the budget."""
+        """Return the next batch of points (n, d) to evaluate, at most what is left of the budget."""
         room = self.budget - len(self.margins)
         self._turn += 1
         batch: list[Floats] = []
@@ -196,7 +196,7 @@ class _Search:
         return np.array(batch + spread)
 
     def receive(self, points: Floats, margins: Floats) -> None:
-        """Take the margins (n,) of a proposed batch (n, d)."""
+        """Record the margins (n,) of a proposed batch (n, d)."""
         for p, margin in zip(points, margins.tolist(), strict=True):
             key = p.tobytes()
             self._known[key] = margin
@@ -211,7 +211,7 @@ class _Search:
             self._descent.asked = asked[:0]
 
     def end(self, reason: str) -> SearchEnd:
-        """Return the outcome, with the evidence in plain words."""
+        """Return the search's outcome, with the evidence in plain words."""
         f = np.array(self.margins)
         lost = int(np.isnan(f).sum())
         i = int(np.nanargmin(f)) if lost < len(f) else None
@@ -234,7 +234,7 @@ class _Search:
         return np.where(self._levels > 0, cells, np.clip(u, 0.0, 1.0))
 
     def _reserve(self, p: Floats) -> bool:
-        """Note a point as proposed; False for one that was proposed before."""
+        """Record a point as proposed; return False if it was proposed before."""
         if p.tobytes() in self._known:
             return False
         self._known[p.tobytes()] = math.nan
@@ -250,7 +250,7 @@ class _Search:
                 return p
 
     def _finite(self, margins: Floats) -> Floats:
-        """Return margins with infinities one range beyond the finite ones seen so far; NaN stays."""
+        """Return margins with infinities replaced by values beyond the finite ones so far; NaN is kept."""
         f = np.array(self.margins)
         f = np.clip(f[np.isfinite(f)], -1e100, 1e100)  # their squares stay finite
         low, high = (float(f.min()), float(f.max())) if len(f) else (0.0, 0.0)
@@ -258,7 +258,7 @@ class _Search:
         return np.clip(margins, low - beyond, high + beyond)
 
     def _skill(self) -> float:
-        """Return the share of the variance of the last exploring points that the surrogate had predicted."""
+        """Return the share of the variance of the last exploring points that the surrogate predicted."""
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
         if len(recent) < CHECKS:
             return self._surrogate.skill() if self._surrogate.fitted else 0.0
@@ -267,7 +267,7 @@ class _Search:
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
     def _dip(self) -> Floats | None:
-        """Return the exploring point farthest below its prediction, if far: the shoulder of a pocket, perhaps."""
+        """Return the exploring point farthest below its prediction, if far: perhaps near a failure region."""
         if len(self._checks) < 16:  # too few for a robust deviation
             return None
         errors = np.array([c[1] - c[0] for c in self._checks])
@@ -281,7 +281,7 @@ class _Search:
         return None
 
     def _generation(self, x: Floats, f: Floats) -> list[Floats]:
-        """Return the points of the next generation of a descent when one is due."""
+        """Return the points of a descent's next generation where it is due, else none."""
         best, dip = float(f.min()), self._dip()
         d = self._descent
         if d is not None:
@@ -306,7 +306,7 @@ class _Search:
         return list(d.asked)
 
     def _start(self, x: Floats, f: Floats, dip: Floats | None) -> CmaDescent | None:
-        """Begin a descent: in a dip, late at the worst point, or at the worst one far from earlier ones."""
+        """Begin a descent: in a dip, late from the worst point, or from a bad one far from earlier descents."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
         if dip is not None:
@@ -327,7 +327,7 @@ class _Search:
         return descent
 
     def _modelled_points(self, x: Floats, f: Floats, n: int) -> list[Floats]:
-        """Return at most n points likely to fail, or to be below the worst point, in the surrogate's eyes."""
+        """Return at most n points that the surrogate predicts to fail, or to be below the worst point."""
         if not self._surrogate.fitted:
             return []
         pool = self._pool(x[np.argsort(f, kind="stable")[:6]])
@@ -339,7 +339,7 @@ class _Search:
         return self._surrogate.choose(pool, [(below, zero)[j % 2] for j in range(n)])
 
     def _pool(self, worst: Floats) -> Floats:
-        """Return new candidates (n, d): uniform ones, and steps of four sizes from the worst points."""
+        """Return new candidate points (n, d): uniform ones, and steps of four sizes from the worst points."""
         d = len(self._levels)
         parts = [self._rng.random((POOL, d))]
         for size in (0.2, 0.07, 0.02, 0.005):

@@ -37,7 +37,7 @@ _LEAST_SIDE = 4.8  # inches: less has no room for names
 
 
 def _drawn(experiment: Experiment) -> list[Series]:
-    """Return the series to draw, in order from the motor to the gate, left before right."""
+    """Return an experiment's series to draw, in order from the motor to the gate, left before right."""
 
     def place(series: Series) -> tuple[int, str]:
         kinds = [i for i, kind in enumerate(_ORDER) if kind in series.output]

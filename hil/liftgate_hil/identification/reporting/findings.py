@@ -1,4 +1,4 @@
-"""Warnings that a reader needs to judge the numbers, with what the estimates owe to fixed parameters."""
+"""Warnings on an identification's reliability, with the dependence of estimates on fixed parameters."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: 
 
 
 class Dependence(NamedTuple):
-    """Dependence of an estimate on a fixed parameter, such that the residuals don't show a wrong value."""
+    """Dependence of an estimate on a fixed parameter, whose error the residuals would not show."""
 
     estimate: Estimate
     fixed: FixedParameter
@@ -60,12 +60,12 @@ class Dependence(NamedTuple):
 
     @property
     def share(self) -> float:
-        """The shift as a share of the estimate."""
+        """Shift of the estimate, relative to its value."""
         return self.shift / abs(self.estimate.value)
 
 
 def dependences(result: Identification) -> list[Dependence]:
-    """Return on which fixed parameters the estimates depend unseen, the strongest first for each estimate."""
+    """Return the dependences on fixed parameters that residuals do not show, strongest first for each estimate."""
     found = []
     for each in result.parameters:
         if not each.identifiable or each.value == 0.0:
@@ -77,13 +77,13 @@ def dependences(result: Identification) -> list[Dependence]:
 
 
 def firsts(found: Sequence[Dependence]) -> list[tuple[Dependence, bool]]:
-    """Return each dependence with whether it is the first of its estimate."""
+    """Return pairs of a dependence and whether it is the first one of its estimate."""
     earlier = [None, *(each.estimate for each in found)]
     return [(each, each.estimate is not before) for each, before in zip(found, earlier, strict=False)]
 
 
 def amplified(result: Identification) -> list[str]:
-    """Return a warning for each estimate that an unseen error of 10 % of a fixed parameter changes by more."""
+    """Return a warning on each estimate that shifts by more than an unseen error of a fixed parameter."""
     found, listed = [], dependences(result)
     for each in result.parameters:
         own = [
@@ -103,7 +103,7 @@ def amplified(result: Identification) -> list[str]:
 
 
 def suspects(result: Identification) -> list[str]:
-    """Return a note on which fixed parameters, of another value, would explain residuals that are not white."""
+    """Return a note on the fixed parameters whose errors would explain residuals that are not white."""
     series = [each for one in result.experiments for each in one.series]
     if all(each.is_white or each.excuse for each in series):
         return []
@@ -128,7 +128,7 @@ def suspects(result: Identification) -> list[str]:
 
 
 def with_warnings(result: Warned, worded: Callable[[str], str] = str) -> Warned:
-    """Return a result with its warnings, each as `worded`."""
+    """Return a result with its warnings added, each passed through `worded`."""
     found = warnings_of(result) if isinstance(result, Identification) else validation_warnings(result)
     return replace(result, warnings=tuple(map(worded, found)))
 
@@ -172,7 +172,7 @@ def _one_sided(result: Identification) -> list[str]:
 
 
 def validation_warnings(result: Identification | Validation) -> list[str]:
-    """Return the warnings of initial states that are not identifiable, of the data, then of the experiments."""
+    """Return warnings on initial states that are not identifiable, on the data, then on the experiments."""
     states = [
         f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
         for each in result.initial_states
@@ -219,7 +219,7 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
 
 
 def _with_phase(series: Series) -> str:
-    """Return an output with the phase in which its errors are by far the largest, if there is one."""
+    """Return an output's name, with the phase of by far the largest errors, if there is one."""
     sizes = sorted(((rms, phase) for phase, (rms, _, count) in series.phases.items() if count), reverse=True)
     if len(sizes) < 2 or not sizes[0][0] > _FAR * sizes[1][0]:
         return _name(series)
@@ -232,7 +232,7 @@ def _name(series: Series) -> str:
 
 
 def _scaled(series: Series) -> str:
-    """Return a warning on an output that has the shape of the simulation and another size; "": it has not."""
+    """Return a warning on an output that has the simulation's shape but another scale; "": it has not."""
     if series.fit_percent > _WELL_PERCENT:
         return ""
     factor = factor_between(series.measured, series.simulated, _ALIKE)
@@ -242,9 +242,9 @@ def _scaled(series: Series) -> str:
 
 
 def has_offset(series: Series) -> bool:
-    """Whether the larger part of an output's errors is their mean, from the beginning to the end of the data.
+    """Whether an output's errors are mainly a constant offset from beginning to end of the data.
 
-    It is none where noise or rounding explains the mean, or where the errors grow, as those of a wrong model do.
+    A mean that noise or rounding explains is none; nor are errors that grow, as those of a wrong model do.
 
     The slopes of a position are no column of the data, and have no offset of their own.
     """
@@ -274,14 +274,14 @@ def notes_of(result: Identification) -> list[str]:
 
 
 def residual_words(series: Series) -> str:
-    """Return what a residual is; "": not white, without an excuse."""
+    """Return in words whether a residual is white, or why it need not be; "": not white, unexplained."""
     if series.is_white:
         return "white about its mean" if has_offset(series) else "white"
     return EXCUSES[series.excuse] if series.excuse else ""
 
 
 def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
-    """Return pairs of parameters whose correlation is at least _STRONG in size, with it, strongest first."""
+    """Return (name, name, correlation) of parameters correlated by at least ±_STRONG, strongest first."""
     names = [each.name for each in result.parameters]
     pairs = [
         (names[i], names[k], float(result.correlation[i, k]))

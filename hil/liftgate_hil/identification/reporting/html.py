@@ -30,7 +30,7 @@ _MOST = 8  # experiments with figures of their own, as a page with more is too l
 
 
 def identification_html(result: Identification) -> str:
-    """Return the page: warnings, parameters, fits, figures, residual tests, notes."""
+    """Return an identification's HTML page: warnings, parameters, fits, figures, residual tests, notes."""
     experiments = result.experiments
     return page(
         f"Identification of {result.vehicle}",
@@ -54,7 +54,7 @@ def identification_html(result: Identification) -> str:
 
 
 def validation_html(result: Validation) -> str:
-    """Return the page: warnings, fits, figures, errors by phase, residual tests, notes."""
+    """Return a validation's HTML page: warnings, fits, figures, errors by phase, residual tests, notes."""
     experiments = result.experiments
     return page(
         f"Validation of {result.vehicle}",

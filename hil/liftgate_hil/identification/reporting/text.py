@@ -28,7 +28,7 @@ _ACROSS = 6  # columns of a matrix side by side
 
 
 def identification_text(result: Identification) -> str:
-    """Return the whole result of an identification."""
+    """Return the whole result of an identification as text."""
     search = (
         f"{clean(result.stop_reason)}; {result.iterations} iterations, {result.evaluations} "
         f"simulations, {significant(result.seconds, 3)} s"
@@ -53,7 +53,7 @@ def identification_text(result: Identification) -> str:
 
 
 def validation_text(result: Validation) -> str:
-    """Return fit, errors by phase and residuals of every experiment."""
+    """Return fit, errors by phase and residuals of every experiment of a validation as text."""
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(result.warnings)),
@@ -86,7 +86,7 @@ def _ranked(each: Ranked) -> list[str]:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
-    """Return the lines of a table; `align` has one of l and r for each column."""
+    """Return the lines of a text table; `align` has l (left) or r (right) for each column."""
     body = [list(heads), *[list(row) for row in rows]]
     widths = [max(len(row[i]) for row in body) for i in range(len(heads))]
     return [
@@ -140,7 +140,7 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _states(estimates: Sequence[Estimate]) -> list[str]:
-    """Return one line for each state: there are as many as experiments times states."""
+    """Return one line of text for each estimated initial state, by experiment."""
     rows = [
         (
             clean(each.name, 50),
