@@ -1,7 +1,7 @@
 """Description of a result, once: JSON and its reference page are made from what stands at a field.
 
     @dataclass(frozen=True)
-    class Fit(Result):
+    class Fit(DescribedResult):
         name: str  # not in JSON
         percent: Annotated[float, Shown("NRMSE fit [%]")]
 

@@ -407,3 +407,23 @@ def test_noise_is_repeatable_normal_and_independent_between_channels() -> None:
     assert abs(np.corrcoef(values[0, :-1], values[0, 1:])[0, 1]) < 4.0 / math.sqrt(20_000)
     assert noise.gaussian(8, 123, 1) != values[1, 123]
     assert noise.disturbance(0.0, 7, 1, 1) == 0.0
+
+
+def test_friction_referred_to_the_motor_is_the_hand_check() -> None:
+    tables = suv().left
+    assert transmission.coulomb_torque(tables.motor, tables.gear, tables.spindle) == pytest.approx(
+        0.013628, abs=5e-7
+    )
+
+
+def test_the_linkage_is_the_hand_check_wherever_the_hinge_is() -> None:
+    vehicle = suv()
+    link = gate.linkage(vehicle.gate)
+    assert link.closed_length == pytest.approx(0.457411, abs=5e-7)
+    assert link.stroke == pytest.approx(0.253945, abs=5e-7)
+    assert math.degrees(link.offset) == pytest.approx(28.969, abs=5e-4)
+    assert gate.inertia(vehicle.gate, link) == pytest.approx(10.5467, abs=5e-5)
+    moved = vehicle.gate._replace(
+        hinge=(1.0, 2.0), gate_point=(1.085, 1.82), body_point=(0.96, 1.38), gravity_point=(1.30, 1.55)
+    )
+    assert gate.linkage(moved) == pytest.approx(link, rel=1e-12)

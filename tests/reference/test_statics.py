@@ -104,3 +104,23 @@ def test_a_latched_gate_does_not_move_whatever_the_motors_do() -> None:
     assert (column(rows, "angle") == 0.0).all()
     assert (column(rows, "latched") == 1.0).all()
     assert state_of(rows[-1]).left.current == pytest.approx(12.0 / 0.708, rel=1e-9)
+
+
+def test_the_latch_engages_with_a_closing_gate_and_releases_it() -> None:
+    vehicle = suv()
+    rows = advance(vehicle, at_rest(vehicle, 5.0), CLOSE, 3.0, latch_released=0.0)
+    assert column(rows, "latched")[-1] == 1.0
+    assert column(rows, "angle")[-1] == 0.0
+    caught = state_of(rows[-1])
+    released = advance(vehicle, caught, OPEN, 1.0, latch_released=1.0)
+    assert column(released, "latched")[-1] == 0.0
+    assert column(released, "angle")[-1] > math.radians(5.0)
+
+
+def test_a_braked_motor_stops_sooner_than_a_coasting_one() -> None:
+    vehicle = suv()
+    moving = state_of(advance(vehicle, at_rest(vehicle, 20.0), OPEN, 1.0)[-1])
+    braked = advance(vehicle, moving, BRAKE, 1.0)
+    coasted = advance(vehicle, moving, COAST, 1.0)
+    assert column(braked, "left_position")[-1] < column(coasted, "left_position")[-1] - 1.0
+    assert (column(coasted, "left_current")[1:] == 0.0).all()

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.doctor.examination import Examination
+from liftgate_hil.doctor.request import DoctorRequest
 from liftgate_hil.doctor.timing import steal, stolen_percent
 from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.request import RunRequest
@@ -72,7 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _examined() -> list[Check]:
     """Return the checks of `doctor` on how well this machine keeps time."""
-    found = Examination(1000.0, _LOOK_S, True, None, lambda check: None, lambda text, seconds: print(text))
+    found = Examination(
+        DoctorRequest(rate=1000.0, duration=_LOOK_S, realtime=True),
+        lambda check: None,
+        lambda text, seconds: print(text),
+    )
     found.run()
     return [each for each in found.checks if each.check in _TIMING]
 

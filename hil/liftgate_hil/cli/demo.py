@@ -65,9 +65,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(call: Call) -> int:
     """Run the command and return the exit code."""
+    stopped = StopSignals()
     request = call.request(RunRequest)
     is_whole = request.scenario in (None, "demo") and request.duration is None
-    return _Demo(call, request, is_whole).exit_code()
+    return _Demo(call, request, is_whole, stopped).exit_code()
 
 
 class _Demo:
@@ -76,9 +77,9 @@ class _Demo:
     Only one that `is_whole` is judged.
     """
 
-    def __init__(self, call: Call, request: RunRequest, is_whole: bool) -> None:
+    def __init__(self, call: Call, request: RunRequest, is_whole: bool, stopped: StopSignals) -> None:
         self._call, self._is_whole = call, is_whole
-        self._run = ShownRun(call, StopSignals(), DEMO_EXIT_CODES)
+        self._run = ShownRun(call, stopped, DEMO_EXIT_CODES)
         self._files, self._page = call.request(DemoFiles), call.request(RunPage)
         self._folder = Path(self._files.output)
         self._is_ours = request.ecu == REFERENCE

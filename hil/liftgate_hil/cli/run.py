@@ -45,9 +45,10 @@ def run(call: Call) -> int:
     """Run the command and return the exit code."""
     shown = ShownRun(call, StopSignals(), RUN_EXIT_CODES)
     request = call.request(RunRequest)
+    page = call.request(RunPage)
     is_wired = request.is_given or request.ecu == ON_A_BUS
-    is_wired |= request.clock != "free" and request.is_configured
-    result = shown.result(request, call.request(RunPage), is_wired=is_wired)
+    is_wired = is_wired or (request.clock != "free" and request.is_configured)
+    result = shown.result(request, page, is_wired=is_wired)
     shown.raise_error(result)
     shown.report(result)
     return shown.exit_code(result)

@@ -124,9 +124,10 @@ class Record:
         for name, value in given.items():
             needed = fields[name].needs
             if needed and needed not in given:
-                text = f"{value:g}" if isinstance(value, float) else show(value)
+                text = f"{value:g}" if isinstance(value, float) else str(value)
                 text = ", ".join(map(str, value)) if isinstance(value, tuple) else text
-                raise ConfigError(f"`{name}` {text}: allowed: together with `{needed}`")
+                text = "" if value is True else f" {text}"
+                raise ConfigError(f"`{name}`{text}: allowed: together with `{needed}`")
 
     def replaced(self, **values: Any) -> Self:
         """Return the record with other values."""

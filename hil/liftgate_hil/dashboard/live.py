@@ -24,7 +24,7 @@ from liftgate_hil.dashboard.page_state import (
     PageState,
     ShownLoop,
 )
-from liftgate_hil.dashboard.source import MOST_LINES, curves_of, meanings_of, split, times_of, units_of
+from liftgate_hil.dashboard.source import MOST_LINES, curves_of, meanings_of, places_of, split, times_of, units_of
 from liftgate_hil.errors import RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import bars, distribution
@@ -236,11 +236,12 @@ class Live:
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
         """Return curves over the history that is kept between two times [s], see `curves_of`."""
+        places = places_of(columns, self._names)
         history = [each for each in list(self._history) if begin <= each[0] <= end]
-        shape = len(history), len(self._names)
-        low = np.array([each for _, each, _ in history]).reshape(shape)
-        high = np.array([each for _, _, each in history]).reshape(shape)
-        return curves_of(columns, self._names, np.array([time for time, _, _ in history]), low, high, points)
+        shape = len(history), len(places)
+        low = np.array([[each[place] for place in places] for _, each, _ in history]).reshape(shape)
+        high = np.array([[each[place] for place in places] for _, _, each in history]).reshape(shape)
+        return curves_of(columns, np.array([time for time, _, _ in history]), low, high, points)
 
     def trace(self, after: int) -> BusTrace:
         """Return the frames on the bus after the one of a number, with the number of the first of them."""

@@ -24,7 +24,7 @@ from liftgate_hil.dashboard.page_state import (
     ShownLoop,
     ShownMark,
 )
-from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known, split
+from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known, places_of, split
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.operate.attachment.description import expectations_of, limits_of
@@ -164,10 +164,10 @@ class RecordingSource:
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
         """Return curves between two times [s], see `curves_of`; one row more on either side is taken in."""
-        times = self._last[:, 0]
+        places, times = places_of(columns, self._names), self._last[:, 0]
         first, last = int(np.searchsorted(times, begin)), int(np.searchsorted(times, end, side="right"))
         rows = slice(max(0, first - 1), last + 1)
-        return curves_of(columns, self._names, times[rows], self._low[rows], self._high[rows], points)
+        return curves_of(columns, times[rows], self._low[rows][:, places], self._high[rows][:, places], points)
 
 
 def _geometry_in(about: str) -> GateGeometry:

@@ -47,18 +47,16 @@ def nothing_known(phase: str) -> PageState:
     }  # fmt: skip
 
 
-def curves_of(
-    wanted: Sequence[str], names: list[str], times: Floats, low: Floats, high: Floats, most: int
-) -> Curves:
-    """Return curves of the `wanted` among columns `names` in at most so many stretches of rows (n, columns).
-
-    Raises ConfigError for a column that there is not.
-    """
+def places_of(wanted: Sequence[str], names: list[str]) -> list[int]:
+    """Return the places of the wanted columns among `names`. Raises ConfigError for an unknown column."""
     unknown = [name[:80] for name in wanted if name not in names]
     if unknown:
         raise ConfigError(f"columns {', '.join(unknown)}: no such columns; allowed: those of /api/about")
-    places = [names.index(name) for name in wanted]
-    low, high = low[:, places], high[:, places]
+    return [names.index(name) for name in wanted]
+
+
+def curves_of(wanted: Sequence[str], times: Floats, low: Floats, high: Floats, most: int) -> Curves:
+    """Return curves of the wanted columns, of which `low` and `high` have (n, wanted), with at most `most` points."""
     every = max(1, -(-len(times) // most))
     if every > 1:
         starts = np.arange(0, len(times), every)

@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_compiler import GivenUpError
-from liftgate_hil.config.described import value_of
-from liftgate_hil.config.kinds import Number
 from liftgate_hil.config.parameters import keys_of
 from liftgate_hil.drive.compilation import reporting_compilation
 from liftgate_hil.drive.notes import without_effect
@@ -53,14 +51,17 @@ def drive_alone(request: EcuRequest, listener: Listener, stopped: Callable[[], b
 def _coding(text: str) -> Coding:
     """Return the coding of SPEED,LIMITS. Raises ConfigError."""
     known, values = keys_of(Coding), text.split(",")
-    try:
-        numbers = [float(each) for each in values]
-    except ValueError:
-        numbers = []
-    if len(numbers) != len(known):
+    if len(values) != len(known):
         raise ConfigError(f"`coding` {text}: allowed: SPEED,LIMITS")
-    kinds = [Number(each.quantity.low, each.quantity.high) for each in known.values()]
-    return Coding(*(value_of("coding", value, kind) for kind, value in zip(kinds, numbers, strict=True)))
+    found = []
+    for each, value in zip(known.values(), values, strict=True):
+        low, high = each.quantity.low, each.quantity.high
+        with contextlib.suppress(ValueError):
+            if low <= (number := float(value)) <= high:
+                found.append(number)
+                continue
+        raise ConfigError(f"`coding` {text}: {value!r}; allowed: {low:g} to {high:g}")
+    return Coding(*found)
 
 
 def _drive(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RealtimeDriver(BusDriver):
-    """Driver of a run on its bus in real time."""
+    """Driver of a run on its bus in real time; closing the recorder raises what failed in a recording."""
 
     _realtime: Realtime | None = None
     _loop: RealtimeRun | None = None

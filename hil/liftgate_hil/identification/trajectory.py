@@ -87,7 +87,9 @@ def check_wanted() -> None:
 
 
 def _cpus() -> int:
-    return len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class Start(NamedTuple):

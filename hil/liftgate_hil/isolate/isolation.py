@@ -1,6 +1,6 @@
 """Isolation of code that may crash, hang or keep statics, in a process of its own: the caller's side.
 
-The worker gets a pickled plan on stdin and answers over a channel of its own (`processes.answers`). The memory of
+The worker gets a pickled plan on stdin and answers over a channel of its own (`isolate.answers`). The memory of
 its loop can be read from here, which shows its progress. Every wait has a deadline.
 """
 

@@ -55,8 +55,8 @@ def origin_of(plan: Plan, bus: str = "") -> str:
     """Return the provenance of a run as JSON.
 
     It holds versions and machine, seed, clock, rate, parameters and faults of the scenario, the files with their
-    content and SHA-256, the vehicle as it was used, in SI units, the ECU (`ecu.identity`), the interface of a bus,
-    and the recording trigger, where not all was recorded.
+    content and SHA-256, the vehicle as it was used, in SI units, the ECU (see `identity_of`), the interface of a
+    bus, and the recording trigger, where not all was recorded.
     """
     request = plan.request
     more: dict[str, object] = {"ecu": _plain(plan.ecu_identity)}

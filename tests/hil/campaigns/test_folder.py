@@ -16,6 +16,7 @@ import pytest
 
 from liftgate_hil.campaigns.campaign import CampaignStoppedError
 from liftgate_hil.campaigns.folder import BATCHES, LOCK, MANIFEST, OWN, REPORT, RESULTS, Folder
+from liftgate_hil.campaigns.replay import replayed
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.store import StoreError
 from liftgate_hil.errors import ConfigError
@@ -322,3 +323,13 @@ def test_files_of_others_in_the_place_of_a_campaigns_are_set_aside(folder: Folde
     assert aside.read_bytes() == b"somebody's"
     assert said == [f"{folder.path / RESULTS}: the file that was there is now {aside}"]
     assert names_in(folder) == [BATCHES, REPORT, "results.previous.parquet"]
+
+
+@pytest.mark.parametrize(
+    "request_", [{"scenario": 5, "vary": []}, {"scenario": None, "vary": []}, {"scenario": "demo", "vary": [5]},
+                 {"scenario": "demo", "vary": [], "settings": 5}],
+)  # fmt: skip
+def test_an_invalid_value_in_a_stored_request_is_refused_on_replay(request_: object, folder: Folder) -> None:
+    (folder.path / MANIFEST).write_text(json.dumps({"format": 2, "request": request_}))
+    with pytest.raises(ConfigError):
+        replayed(folder.path, "abc")

@@ -102,7 +102,10 @@ def test_a_grid_has_the_values_of_its_text_in_their_order(text: str, values: tup
         ("draw=1:2:3", f"`vary` draw=1:2:3: allowed: {SEEDS}"),
         ("draw=4294967296", f"`vary` draw=4294967296: allowed: {SEEDS}"),
         ("seed~integer(-1,5)", f"`vary` seed~integer(-1,5): allowed: {SEEDS}"),
-        ("seed~normal(5,1)", "`vary` seed~normal(5,1): allowed: integer(low, high), or a grid of whole numbers"),
+        *(
+            (text, f"`vary` {text}: allowed: integer(low, high), or a grid of whole numbers")
+            for text in ("seed~normal(5,1)", "seed~uniform(0,10)", "draw~triangular(0,5,10)")
+        ),
         ("supply.voltage=12,500", "`vary` supply.voltage=12,500: 500: allowed: 0 to 60 V"),
         ("friction.cycles=-5", "`vary` friction.cycles=-5: -5: allowed: 0 to 1e+07"),
         ("gate.gravity_point[0]=0.3,99", "`vary` gate.gravity_point[0]=0.3,99: 99: allowed: -10 to 10 m"),
@@ -383,4 +386,5 @@ def test_what_cannot_be_estimates_with_a_covariance_is_refused(own: object, allo
 def test_an_identification_of_unknown_parameters_is_refused() -> None:
     (message,) = refusal("vehicle", identification=identified(["gate.mass", "gate.masses", "motor.resistance"]))
     assert message.startswith("`vary` vehicle: identification.parameters: ")
+    assert "gate.masses" in message
     assert "allowed: " in message

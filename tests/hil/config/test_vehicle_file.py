@@ -428,3 +428,9 @@ def test_edges_of_an_encoder_must_come_one_after_the_other(
         return
     with pytest.raises(ConfigError, match=r"electrical degrees \(3 σ\); allowed: 40.5"):
         vehicle_from("suv", settings)
+
+
+def test_a_joint_of_the_drive_in_the_hinge_is_refused(tmp_path: Path):
+    (issue,) = issues_of(load, tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
+    assert issue.partition(": ")[2].startswith("gate")
+    assert "hinge" in issue

@@ -325,7 +325,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
         ("dashboard", "no emulator of yours is running on this machine"),
         ("dashboard --attach x", "--attach: 'x'; allowed: a whole number from 1 to"),
         ("dashboard --recording no.csv", "no.csv"),
-        ("dashboard --recording no.csv --attach 1", "not allowed with"),
+        ("dashboard --recording no.csv --attach 1", "--attach, --recording: allowed: one of them"),
         ("dashboard --rig liftgate", "--rig liftgate: allowed with --recording"),
         ("dashboard --recording s.csv --listen nonsense", "--listen nonsense: allowed: HOST:PORT"),
         ("dashboard --recording s.csv --listen 127.0.0.1:99999", "port 0 to 65535"),
@@ -335,8 +335,8 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
         ("--bus virtual:own --dashboard --listen 127.0.0.1:{port}", "127.0.0.1:{port}: Address already in use"),
         ("--bus virtual:own --dashboard --listen here", "--listen here: allowed: HOST:PORT"),
         ("--bus virtual:own --dashboard --clock free --duration 1", "--dashboard: a run on the free clock ends"),
-        ("--bus virtual:own --listen 127.0.0.1:0", "--listen: allowed together with --dashboard"),
-        ("--bus virtual:own --read-only", "--read-only: allowed together with --dashboard"),
+        ("--bus virtual:own --listen 127.0.0.1:0", "--listen 127.0.0.1:0: allowed: together with --dashboard"),
+        ("--bus virtual:own --read-only", "--read-only: allowed: together with --dashboard"),
     ],
 )
 def test_wrong_usage_is_reported_in_one_line_with_exit_code_2_and_no_run_begins(

@@ -36,7 +36,7 @@ def test_a_car_that_is_coded_slower_closes_later() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("1", "'1'; allowed: SPEED,LIMITS"),
+        ("1", "--coding 1: allowed: SPEED,LIMITS"),
         ("0.1,1", "'0.1'; allowed: 0.2 to 2"),
         ("1,x", "'x'; allowed: 0.2 to 5"),
     ],

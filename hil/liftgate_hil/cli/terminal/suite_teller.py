@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.command import as_flags
-from liftgate_hil.cli.terminal import streams
 from liftgate_hil.cli.terminal.progress import ProgressDisplay
 from liftgate_hil.cli.terminal.streams import Output, put_whole
 from liftgate_hil.cli.terminal.teller import Teller
@@ -162,10 +161,6 @@ class JudgeTeller(SuiteTeller):
     def prepared(self, cases: Sequence[Case]) -> None:
         """Note the recorded runs."""
         self._cases = cases
-
-    def say(self, text: str) -> None:
-        """Print what becomes of files."""
-        streams.say(printable(text))
 
     def ended(self, outcome: Outcome) -> None:
         """Print a run that was judged, with the notes on how it was read."""
