@@ -1,4 +1,4 @@
-"""The section [inject] of a rig file: messages of the test bench that act while the emulator runs.
+"""Section [inject] of a rig file: messages by which a test bench injects faults while the emulator runs.
 
 They inject faults, send requests to the ECU or set a signal, so that a panel can do so. The labels of a message
 decide: kinds of faults and requests go by their names, places by a drive, a message or a key of the vehicle file,
@@ -82,7 +82,7 @@ ORDERS: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class OrderMessage:
-    """A message that gives an order if it holds all of these signals."""
+    """A message of the test bench that gives an order if it holds all of these signals."""
 
     what: str  # key of ORDERS
     message: str
@@ -94,7 +94,7 @@ class OrderMessage:
 def orders_of(
     given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> tuple[OrderMessage, ...]:
-    """Return the messages of the section; issues are noted. `taken` are the messages that gate or ECU send."""
+    """Return the messages of [inject]; issues are noted. `taken` are the messages that gate or ECU send."""
     known_keys(issues, "inject", given, ORDERS)
     found = [_order(what, given[what], tables, taken, issues) for what in ORDERS if what in given]
     return tuple(each for each in found if each is not None)
@@ -142,7 +142,7 @@ def _labels(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> tuple[str, ...]:
-    """Return the labels, without `none`, of the signal that selects what an order is about; issues are noted."""
+    """Return the labels, except `none`, of the signal that selects an order's subject; issues are noted."""
     name, known = {
         FAULT: ("kind", []),  # checked in rig_fit
         REQUEST: ("action", list(REQUESTS)),
