@@ -114,7 +114,7 @@ class Record:
         return found
 
     def check(self) -> None:
-        """Validate the values, each and together with the fields that it needs. Raises ConfigError."""
+        """Validate the values, each alone and each that `needs` another one with that. Raises ConfigError."""
         fields = {each.name: each for each in fields_of(type(self))}
         given = {
             name: value
@@ -219,7 +219,7 @@ def command(
 ) -> Callable[[Callable[[Request_contra], Result_co]], CommandFunction[P, Request_contra, Result_co]]:
     """Return a decorator: a function of a request also accepts the request's fields as arguments.
 
-    They are validated before the function is called: it raises ConfigError, and TypeError for arguments that do
+    The arguments are validated before the call, which raises ConfigError, and TypeError for arguments that do
     not fit. Signature and list of arguments in its docstring are those of the record.
     """
     record = cast(Any, request)

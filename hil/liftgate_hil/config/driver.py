@@ -91,7 +91,7 @@ NO_DRIVER = DriverButtons({})
 def buttons_of(given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> dict[str, Press]:
     """Return the driver's buttons in the section [requests], by action; issues are noted.
 
-    `tables` are those of what the bench sends, `taken` the messages with mapped quantities.
+    `tables` describe what the bench sends, `taken` are the messages with mapped quantities.
     """
     known_keys(issues, "requests", given, BUTTONS)
     buttons = {}

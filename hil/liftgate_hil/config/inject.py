@@ -1,6 +1,6 @@
-"""Section [inject] of a rig file: messages by which a test bench injects faults while the emulator runs.
+"""Section [inject] of a rig file: messages by which a test bench injects faults, requests and signal values.
 
-They inject faults, send requests to the ECU or set a signal, so that a panel can do so. The labels of a message
+So a panel can inject faults, send requests to the ECU or set a signal. The labels of a message
 decide: kinds of faults and requests go by their names, places by a drive, a message or a key of the vehicle file,
 signals by `Message.Signal`. So another place is one more line of the database.
 """

@@ -251,7 +251,7 @@ class NumbersByName(OfKind[dict[str, float]]):
     def read(self, issues: ConfigIssues, key: str, value: Any) -> dict[str, float]:
         """Return the numbers by name; an issue if a text states none, or a name twice.
 
-        Those of a mapping are validated where they are used, which states their ranges.
+        Numbers in a mapping are validated where they are used, with their ranges there.
         """
         if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
             return dict(value)

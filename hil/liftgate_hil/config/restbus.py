@@ -36,7 +36,7 @@ class SignalValue:
 
 @dataclass(frozen=True)
 class Press:
-    """Signal of a button: `value` for `hold` [s] while it is pressed, else `rest`, in the database's unit."""
+    """Signal of a button: `value` for `hold` [s] while it is pressed, else `rest` [the database's unit]."""
 
     signal: str
     value: float

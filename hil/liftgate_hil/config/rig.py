@@ -171,7 +171,7 @@ class Rig:
     def command_cycle_ms(self) -> float:
         """Return the period at which an ECU sends the motor command [ms].
 
-        That is its message's cycle. A message on events has none: then that of the left motor's current, or 10 ms.
+        This is the message's cycle; without one (sent on events) that of the left motor's current, or 10 ms.
         """
         return self.cycle_ms(self.command_message()) or self.current_cycle_ms() or _COMMAND_MS
 

@@ -104,7 +104,7 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
 def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
     """Raise ConfigError if a rig does not fit a vehicle and a loop rate [Hz].
 
-    That is: a signal cannot hold what every motion of the vehicle needs, a message is sent more than once a tick,
+    Reasons: a signal cannot hold what every motion of the vehicle needs, a message is sent more than once a tick,
     or a message that injects faults has labels of unknown kinds.
     """
     issues = ConfigIssues(rig.source)

@@ -249,7 +249,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return the files of a scenario, each after those that it includes, except the `known` ones."""
+    """Return a scenario's files, each after those that it includes, without `known` ones. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]

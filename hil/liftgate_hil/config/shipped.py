@@ -57,7 +57,7 @@ def shipped_folder(kind: str, name: str) -> Path | None:
 def shipped_files(kind: str) -> dict[str, Path]:
     """Return the shipped files of a kind by the names that users give, such as `pack/crank_dip`, in order.
 
-    Those in a folder beside a file of its name, of a campaign's own scenarios, are not among them.
+    A campaign's own scenarios, in a folder beside a file with the folder's name, are not among them.
     """
     top = data_root() / "configs" / kind
     sets = [each for each in sorted(top.iterdir()) if each.is_dir() and not each.with_suffix(".toml").exists()]

@@ -1,6 +1,6 @@
 """Variants of a vehicle: as in the file, drawn at random from its `[spread]`, or without imperfections.
 
-The latter two are values that override the file, as KEY=VALUE does; KEY=VALUE overrides them in turn. The table
+The latter two override values of the file, as KEY=VALUE does; KEY=VALUE overrides them in turn. The table
 `[spread]` says how the cars of a production differ from the file's values:
 
     [spread.motor]

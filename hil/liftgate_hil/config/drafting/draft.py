@@ -152,7 +152,7 @@ def _all(lines: Mapping[str, list[DraftLine]]) -> list[DraftLine]:
 def _by_side(found: Mapping[str, list[SignalCandidate]], tells_sides: bool) -> dict[str, list[SignalCandidate]]:
     """Return the candidates by quantity, those of unknown side assigned to the left and right drive.
 
-    A single one goes to the left drive, which a gate with one drive has. Several go to either drive, and so does a
+    A single candidate goes to the left drive, the only one of some gates. Several go to both drives, and so does a
     single one of a database that distinguishes sides.
     """
     result: dict[str, list[SignalCandidate]] = {}
