@@ -95,7 +95,7 @@ LOGGED = np.dtype(
 
 
 def empty_frames(capacity: int) -> Frames:
-    """Return frame arrays with room for `capacity` frames and none in them."""
+    """Return empty frame arrays with room for `capacity` frames."""
     return Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
