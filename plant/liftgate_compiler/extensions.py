@@ -28,7 +28,7 @@ def _type_of_system(value: System, context: Any) -> Any:
 
 
 def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> None:
-    """Register `signature_of`, which returns the signature of one of our functions from its argument types."""
+    """Register `signature_of` with numba: it returns a function's signature for its argument types."""
 
     def typing(context: Any) -> Any:
         return signature_of
