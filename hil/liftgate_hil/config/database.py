@@ -41,7 +41,7 @@ def is_database(name: str | Path) -> bool:
 
 
 def find_database(issues: ConfigIssues, value: object, folder: Path) -> DatabaseFile | None:
-    """Return the file of a rig's key `dbc`, beside the rig or shipped; None and an issue if there is none."""
+    """Return the database file of a rig's key `dbc`, beside the rig or shipped; None and an issue: none found."""
     name = text(issues, "dbc", value)
     if not name:
         return None

@@ -28,7 +28,7 @@ _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 
 
 class ButtonTable(Record):
-    """The keys of `[requests.ACTION]`."""
+    """The keys of the table `[requests.ACTION]` of a rig: a signal that acts as the driver's button."""
 
     signal: Annotated[str, Field(Text(_SIGNAL), "signal that represents the button")]
     value: Annotated[float | str, Field(Label(), "its value while the button is pressed")]
@@ -37,7 +37,7 @@ class ButtonTable(Record):
 
 
 class ResetTable(Record):
-    """The keys of `[reset]`."""
+    """The keys of the table `[reset]` of a rig."""
 
     signal: Annotated[str | None, Field(Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its "
         "supply", "none")] = None
@@ -179,7 +179,7 @@ class _Padding(OfKind[int]):
 
 
 class DiagnosticsTable(Record):
-    """The keys of `[diagnostics]`."""
+    """The keys of the table `[diagnostics]` of a rig."""
 
     request: Annotated[str | int, Field(_Identifier(), "message with the tester's requests")]
     response: Annotated[str | int, Field(_Identifier(), "message with the ECU's responses")]

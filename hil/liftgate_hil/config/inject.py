@@ -33,7 +33,7 @@ _SIGNAL = Text("MESSAGE.SIGNAL")
 
 
 class FaultOrder(Record):
-    """The keys of `[inject.fault]`."""
+    """The keys of the table `[inject.fault]` of a rig."""
 
     kind: Annotated[str, Field(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
         "all faults")]
@@ -47,7 +47,7 @@ class FaultOrder(Record):
 
 
 class BabblingOrder(Record):
-    """The keys of `[inject.babbling]`."""
+    """The keys of the table `[inject.babbling]` of a rig."""
 
     identifier: Annotated[str, Field(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
     on: Annotated[str, Field(_SIGNAL, "1: babbling begins; 0: it ends")]
@@ -56,14 +56,14 @@ class BabblingOrder(Record):
 
 
 class RequestOrder(Record):
-    """The keys of `[inject.request]`."""
+    """The keys of the table `[inject.request]` of a rig."""
 
     action: Annotated[str, Field(_SIGNAL,
         "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
 
 
 class SignalOrder(Record):
-    """The keys of `[inject.signal]`."""
+    """The keys of the table `[inject.signal]` of a rig."""
 
     name: Annotated[str, Field(_SIGNAL, "its labels are signals of the database that the bench may send, as "
         "Message.Signal")]

@@ -70,7 +70,7 @@ class Flag(OfKind[bool]):
     allowed, invalid = "true or false", False
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """Return the boolean; false and an issue if the value is none."""
+        """Return the boolean; false and an issue if the value is no boolean."""
         return value if isinstance(value, bool) else self.refused(issues, key, value)
 
 
@@ -168,7 +168,7 @@ class Text(OfKind[str]):
     allowed, invalid = "a text", ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the text, also of a path; "" and an issue if the value is none or empty."""
+        """Return the text, also of a path; "" and an issue if the value is no text or empty."""
         value = os.fspath(value) if isinstance(value, os.PathLike) else value
         return value if isinstance(value, str) and value.strip() else self.refused(issues, key, value)
 
@@ -207,7 +207,7 @@ class File(OfKind[Path]):
     allowed, invalid = "a path", Path()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Path:
-        """Return the path; an issue if the value is none."""
+        """Return the path; an issue if the value is no path."""
         return Path(value) if _is_named(value) else self.refused(issues, key, value)
 
 
@@ -295,7 +295,7 @@ class Subtable(OfKind[Table]):
     allowed, invalid = "a table", _EMPTY
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Table:
-        """Return the table; an empty one and an issue if the value is none."""
+        """Return the table; an empty one and an issue if the value is no table."""
         return table(issues, key, value)
 
 

@@ -38,7 +38,7 @@ COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
 class RigTable(Record):
-    """Top-level keys of a rig file."""
+    """The top-level keys of a rig file."""
 
     dbc: Annotated[str, Field(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, "
         "or a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
@@ -147,7 +147,7 @@ class Rig:
         return {}
 
     def command_message(self) -> str:
-        """Return the name of the message with the motor command."""
+        """Return the name of the message that carries the motor command."""
         return next(wire.message for wire in self.inputs if wire.quantity == "left_duty")
 
     def command_identifier(self) -> int:

@@ -171,7 +171,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
 
 
 def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
-    """Yield a note for each cycle that is no whole number of ticks, with all messages that have it."""
+    """Yield a note, with all messages concerned, for each cycle that is no whole number of ticks."""
     found: dict[int, list[str]] = {}
     for name, cycle_ns in _cycles(rig, rig.outputs):
         ticks = cycle_ns * rate / NS
@@ -199,7 +199,7 @@ def _sent_by_the_ecu(rig: Rig) -> Iterator[str]:
 
 
 def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:
-    """Yield a note for a vehicle with two drives whose right one gets no command."""
+    """Yield a note for a vehicle with two drives if the rig has no command for the right one."""
     mapped = {wire.quantity: wire for wire in rig.inputs}
     if vehicle.drives == 2 and "left_duty" in mapped and "right_duty" not in mapped:
         left = mapped["left_duty"]

@@ -43,7 +43,7 @@ _FORMATS = {0: "classic", FD: "CAN FD", FD | BRS: "CAN FD with BRS"}
 
 
 class MappedMessage(NamedTuple):
-    """A message that carries quantities."""
+    """A message that carries mapped quantities."""
 
     message: Annotated[str, Shown("name in the database")]
     identifier: Annotated[int, Shown("CAN identifier, as a number")]
@@ -63,7 +63,7 @@ class MappedMessage(NamedTuple):
 
 # fmt: on
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
-    """Return the messages that a rig maps, those that the gate receives first."""
+    """Return the messages that a rig maps, first those that the gate receives."""
     return [*_messages(rig, "received", rig.inputs, BUS_INPUTS), *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS)]
 
 

@@ -92,7 +92,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario file and those that it includes, as they were read.
+    """A scenario file and its included files, as they were read.
 
     Scenarios with other parameters are made from it without reading the files again. It can be pickled.
     """
@@ -128,7 +128,7 @@ class ScenarioFile:
 
 
 def read_scenario(path: Path) -> ScenarioFile:
-    """Read a scenario file and those that it includes. Raises ConfigError if the file itself cannot be read."""
+    """Read a scenario file and its included files. Raises ConfigError if the file itself cannot be read."""
     return ScenarioFile(path, tuple(_parts(path, [], set())))
 
 

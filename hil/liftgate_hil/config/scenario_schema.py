@@ -48,7 +48,7 @@ class TroubleCode(OfKind[str]):
     allowed, invalid = ALLOWED, ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the trouble code as a text; "" and an issue if the value is none."""
+        """Return the trouble code as a text; "" and an issue if the value is no trouble code."""
         try:
             number_of(value if isinstance(value, str) else show(value))
         except ValueError as error:

@@ -38,7 +38,7 @@ def ecu_sources() -> list[Path]:
 
 
 def c_headers() -> list[Path]:
-    """Return the C headers for an ECU, each with the Python module that it mirrors."""
+    """Return the C headers for an ECU, each stored beside the Python module that it mirrors."""
     return sorted(path for path in _PACKAGE.glob("*/*.h") if path.parent.name != "_data")
 
 

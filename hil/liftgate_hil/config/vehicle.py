@@ -309,7 +309,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_geometry(issues: ConfigIssues, gate: GateParameters) -> None:
-    """Check that the actuator gets longer all the way from closed to open."""
+    """Check that the actuator's length increases all the way from closed to open."""
     link = gate_body.linkage(gate)
     if text := _geometry_issue(link, gate.open_angle):
         issues.add("gate", text)

@@ -49,7 +49,7 @@ class Draft:
 
 
 def draft_rig(database: str | Path, target: Path) -> Draft:
-    """Return the draft of a rig for a database, FILE or FILE#BUS, and a file `target`, which is not written.
+    """Draft a rig for a database, FILE or FILE#BUS; the rig file `target` is not written.
 
     Raises ConfigError.
     """
