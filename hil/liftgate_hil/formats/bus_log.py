@@ -39,7 +39,7 @@ class BusLog(Recording):
     stated: datetime | None = None
 
     def frames(self) -> Iterator[NDArray[np.void]]:
-        """Yield the frames (n,) LOGGED of the log's bus, one block at a time.
+        """Yield the frames (n,) LOGGED of the log's own bus, one block at a time.
 
         Raises ConfigError if there are several buses and none was chosen.
         """

@@ -264,7 +264,7 @@ class CsvFile(Recording):
             raise ConfigError(f"{self.path}: cannot be read: {error}") from error
 
     def _number(self, cell: str) -> float | None:
-        """Return a cell's value, NaN for an empty one; None if it is not allowed."""
+        """Return the number in a cell, NaN for an empty cell; None if the cell is not allowed."""
         if not cell:
             return math.nan
         if self.is_strict and cell in NOT_FINITE:

@@ -210,7 +210,7 @@ def first_cells(header: Header, text: bytes) -> dict[str, str]:
 
 
 def doubts_about(cells: Mapping[str, str], header: Header, rows: bytes) -> Iterator[str]:
-    """Yield notes on ambiguous cells (such as dates or decimal commas), given first cells and lines of a table."""
+    """Yield notes on ambiguous values (times of day, thousands), given the first cells and lines of a table."""
     for name, cell in cells.items():
         if in_minutes(cell):
             yield f"{name}: {cell.strip()} is read as hours and minutes"

@@ -32,7 +32,7 @@ class ChannelValues(NamedTuple):
 
 
 def values_of(signal: Any, account: Account) -> ChannelValues | None:
-    """Return the numbers of a channel that asammdf has read raw; None if it is not numeric.
+    """Return the numbers of a channel that asammdf has read raw, with their mask; None if it is not numeric.
 
     The account counts integers that no float holds.
 
@@ -162,7 +162,7 @@ def frame_groups_in(measured: Any) -> Iterator[FrameGroup]:
 
 
 def logged(fields: Mapping[str, Any], kind: str, times: Any) -> NDArray[np.void]:
-    """Return frames of one kind as rows (n,) LOGGED."""
+    """Return the fields of frames of one kind as rows (n,) LOGGED."""
     mark = KINDS[kind]
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)

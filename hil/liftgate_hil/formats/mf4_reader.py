@@ -25,7 +25,7 @@ from liftgate_hil.formats.recording import DAMAGED
 
 @contextmanager
 def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
-    """Open an MF4 file as asammdf's MDF, in a context whose errors are raised as ConfigError.
+    """Context that opens an MF4 file as asammdf's MDF, and raises errors as ConfigError.
 
     With `in_blocks` the file is read in blocks, of which only the current one is loaded.
     """
@@ -126,7 +126,7 @@ def _check_groups(path: Path) -> None:
 
 @contextmanager
 def _silent_end() -> Iterator[None]:
-    """Suppress the unraisable errors on deletion of objects that asammdf failed to open."""
+    """Context that suppresses unraisable errors on deletion of objects that asammdf failed to open."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield

@@ -193,7 +193,7 @@ def open_writer(
 def open_writers(
     paths: Sequence[Path], content: Content, limit: Limit | None, say: Say, stack: contextlib.ExitStack
 ) -> list[GuardedWriter]:
-    """Open the writers of a run; the stack closes them. Raises ConfigError if a file cannot be written."""
+    """Open the writers of a run's recordings; the stack closes them. Raises ConfigError if one fails to open."""
     recorders = []
     for path in paths:
         recorder = open_writer(path, content, limit, say)
@@ -212,7 +212,7 @@ class _Target(NamedTuple):
     patience: float | None  # s, with the reader of a pipe
 
     def part(self, path: Path) -> SalvagedWriter:
-        """Open one file of a recording. Raises ConfigError, OSError."""
+        """Open the writer of one file of a recording. Raises ConfigError, OSError."""
         form, content = FORMATS[path.suffix], self.content
         texts: list[tuple[Path, Writer]] = []
         check_no_input(path, content.inputs)  # before text is written beside it

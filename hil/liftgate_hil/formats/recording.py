@@ -197,7 +197,7 @@ DAMAGED = "truncated or damaged"
 
 @contextmanager
 def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
-    """Raise errors of an optional reader package in the context as ConfigError.
+    """Context that raises errors of an optional reader package as ConfigError.
 
     Files of this kind need a package, which the extra with the name of the kind installs.
     """
@@ -212,7 +212,7 @@ def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
 
 @contextmanager
 def as_config_errors(path: Path) -> Iterator[None]:
-    """Raise errors of reading a file, in the context, as ConfigError."""
+    """Context that raises errors of reading a file as ConfigError."""
     try:
         yield
     except ConfigError:

@@ -206,12 +206,12 @@ class SalvagedWriter:
             each.begin(epoch_ns)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows (n, ROW_WIDTH) to all files."""
+        """Write rows (n, ROW_WIDTH) to the file and the text files."""
         for each in self._all:
             each.write_rows(rows)
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED to all files."""
+        """Write frames (n,) LOGGED to the file and the text files."""
         for each in self._all:
             each.write_frames(frames)
 
@@ -221,7 +221,7 @@ class SalvagedWriter:
             each.write_mark(time_s, text)
 
     def flush(self) -> None:
-        """Flush all files."""
+        """Flush the file and the text files."""
         for each in self._all:
             each.flush()
 
