@@ -1,4 +1,4 @@
-"""Comparison of the frames of two recordings, one after the other."""
+"""Comparison of the frames of two recordings in their order."""
 
 from __future__ import annotations
 

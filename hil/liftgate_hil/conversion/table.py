@@ -218,7 +218,7 @@ OUTPUT_OF = {column: output for output, column in OUTPUT_COLUMNS.items()}
 
 
 def mappings_of(rig: str) -> dict[str, SignalMapping]:
-    """Return a rig's signal mappings by the column of ours that each carries; none for a database."""
+    """Return a rig's signal mappings by the column of ours that each carries; none for a bare database."""
     try:
         outputs = rig_from(rig).outputs
     except ConfigError:

@@ -90,7 +90,7 @@ def _draw_areas(
 ) -> None:
     """Fill the areas of the signs of two margins (across, up) with colour and hatch, and draw their borders.
 
-    `which` are the styles of the areas where the first alone, the second alone, both, and none are positive.
+    `which` are the indices in `looks` where the first alone, the second alone, both, and none are positive.
     """
     from matplotlib.patches import Patch
 
