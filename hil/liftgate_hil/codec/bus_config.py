@@ -66,7 +66,7 @@ def identifier_of(message: Message) -> int:
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
-    """Return the range of raw values that the signal's bits can hold."""
+    """Return the range of raw values that a signal's bits can hold."""
     if signal.is_float:
         top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
         return -top, top
@@ -167,7 +167,7 @@ def tables_named(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """Return the tables of signals (`Message.Signal`), unconverted, in the database's units.
+    """Return the tables of named signals (`Message.Signal`), unconverted, in the database's units.
 
     Their values have the same places as in `names`.
     """
@@ -182,7 +182,7 @@ def _conversion(signal: Signal) -> tuple[float, float]:
 
 
 def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> bool:
-    """Whether the signal can carry a number at all; if not, the reason is noted in `issues`."""
+    """Whether a signal can carry a quantity's number at all; if not, the reason is noted in `issues`."""
     name = f"{wire.message}.{wire.signal}"
     if signal.is_float and signal.length not in (32, 64):
         issues.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")

@@ -34,7 +34,7 @@ _OTHER, _OK, _ERROR = range(3)
 
 @compilable
 def missing(last: int, counter: int, modulus: int) -> int:
-    """Return the number of frames missing between two counters."""
+    """Return the number of frames missing between two counter values."""
     return (counter - last - 1) % modulus
 
 

@@ -46,19 +46,19 @@ _CCITT = _table(0x1021, np.uint16)  # CRC-16/CCITT-FALSE
 
 @compilable
 def crc8_byte(crc: int, byte: int) -> int:
-    """Return the CRC-8 SAE J1850 after one more byte."""
+    """Return the register of a CRC-8 SAE J1850 after one more byte."""
     return int(np.int64(_J1850[crc ^ byte]))
 
 
 @compilable
 def crc8h2f_byte(crc: int, byte: int) -> int:
-    """Return the CRC-8 with the polynomial 0x2F after one more byte."""
+    """Return the register of a CRC-8 with the polynomial 0x2F (CRC8H2F) after one more byte."""
     return int(np.int64(_H2F[crc ^ byte]))
 
 
 @compilable
 def crc16_byte(crc: int, byte: int) -> int:
-    """Return the CRC-16/CCITT-FALSE after one more byte."""
+    """Return the register of a CRC-16/CCITT-FALSE after one more byte."""
     return ((crc << 8) & 0xFF00) ^ int(np.int64(_CCITT[(crc >> 8) ^ byte]))
 
 

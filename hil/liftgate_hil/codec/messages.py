@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Messages(dict[str, "Message"]):
-    """Messages of a database by name.
+    """Messages of a database by name, with notes on those left out.
 
     `left_out` says by name why others cannot be used; `notes` has a line for all that was left out of the file.
     """

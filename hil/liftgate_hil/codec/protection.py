@@ -59,7 +59,7 @@ class MessageOptions:
 
 
 def place_of(signal: Signal) -> BitPlace:
-    """Return the position of a signal's bits."""
+    """Return the BitPlace of a database's signal in its message."""
     kind = SIGNED if signal.is_signed else UNSIGNED
     if signal.is_float:
         kind = FLOAT32 if signal.length == 32 else FLOAT64

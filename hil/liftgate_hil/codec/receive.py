@@ -144,7 +144,7 @@ def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether a signal is in this frame, by the values of its multiplexers."""
+    """Whether a multiplexed signal is in this frame, by the values of its multiplexers."""
     signal = bus.signals[row]
     for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
         selector = bus.selectors[level]
@@ -155,7 +155,7 @@ def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> b
 
 @compilable
 def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
-    """Return the alive counter in a frame."""
+    """Return the alive counter's raw value in a frame."""
     return extract_long(data, frame, place_at(bus.places, bus.messages[message].counter))
 
 

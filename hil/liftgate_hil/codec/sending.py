@@ -16,7 +16,7 @@ LONGEST_MS = 60_000.0  # longest cycle of a message
 
 
 class SendType(enum.Enum):
-    """Condition on which a message is sent, by its database: cyclic, on events, or other."""
+    """Send type of a message by its database: cyclic, cyclic while active, on events."""
 
     CYCLIC = "cyclic"
     IF_ACTIVE = "cyclic while active"
