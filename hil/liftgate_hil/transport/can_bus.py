@@ -1,4 +1,4 @@
-"""Transport over any bus that python-can supports."""
+"""Transport over any CAN bus that python-can supports."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ class CanTransport:
         return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
 
     def send(self, frames: Frames) -> None:
-        """Send frames; failures are counted."""
+        """Send frames on the bus; failures are counted."""
         for row in range(frames.count):
             message = message_of(frames, row)
             if self._echoes is not None:

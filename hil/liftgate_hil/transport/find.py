@@ -202,7 +202,7 @@ def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda trans
 
 
 def check_serial(rig: Rig) -> None:
-    """Raise ConfigError if a rig has messages that a serial line cannot carry."""
+    """Raise ConfigError if a rig has messages that the serial line's format cannot carry."""
     names = dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs))
     issues = [
         f"{rig.source}: {name} has the 29-bit identifier {rig.messages[name].frame_id:#x}; allowed on a "

@@ -61,7 +61,7 @@ def parse_serial(text: str) -> tuple[str, int]:
 
 
 def check_device(name: str) -> None:
-    """Raise ConfigError if a path is no device, and OSError if it does not exist."""
+    """Raise ConfigError if a serial port's path is no device, and OSError if it does not exist."""
     if "://" in name or os.name != "posix":
         return
     try:
