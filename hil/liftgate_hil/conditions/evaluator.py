@@ -84,7 +84,7 @@ def work_for(ticks: int) -> Work:
 
 @compilable
 def calculated(code: int, a: float, b: float) -> float:
-    """Return the result of an arithmetic operation; NaN for a division by 0."""
+    """Return the result of an arithmetic operation of a condition; NaN for a division by 0."""
     if code == codes.ADD:
         return a + b
     if code == codes.SUB:
