@@ -79,7 +79,7 @@ class Relation:
 
     @property
     def text(self) -> str:
-        """The comparison as in the text of a condition."""
+        """The comparison as written in a condition."""
         return f"{self.left.text} {self.sign} {self.right.text}"
 
     @property

@@ -1,4 +1,4 @@
-"""Expectations of a run, as given in a scenario."""
+"""Expectations on a run, as defined in a scenario."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _ROWS = 512  # rows that are processed together
 
 
 class Lateness(NamedTuple):
-    """The longest wait that the bench caused, and its description; `seconds` is infinite if unknown."""
+    """Longest wait caused by the bench, with its description; `seconds` is infinite if unknown."""
 
     seconds: float
     text: str  # description: what it was, and when
