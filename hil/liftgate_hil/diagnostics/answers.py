@@ -86,7 +86,7 @@ class ResetWatch:
         self._failure = NO_FAILURE
 
     def take(self, frames: Any) -> None:
-        """Process frames (n,) LOGGED."""
+        """Observe frames (n,) LOGGED."""
         for row in frames[
             (frames["identifier"] == self._own.request) | (frames["identifier"] == self._own.response)
         ]:
@@ -103,7 +103,7 @@ class ResetWatch:
 
     @property
     def failure(self) -> int:
-        """The outcome of the resets, with the values of `tester.failure_of`."""
+        """Outcome of the observed resets, with the values of `tester.failure_of`."""
         if self._failure == NO_FAILURE and self._is_asked:
             return NO_RESPONSE
         return self._failure

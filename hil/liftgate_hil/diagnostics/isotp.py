@@ -78,7 +78,7 @@ def new_link(send_id: int, receive_id: int, padding: int = 0xCC, block_size: int
 
 
 def put_message(link: Link, message: bytes) -> None:
-    """Start sending a message (1 to LONGEST bytes)."""
+    """Put a message (1 to LONGEST bytes) into a link and start sending it."""
     link.head.out[0, : len(message)] = np.frombuffer(message, dtype=np.uint8)
     begin(link, len(message))
 
@@ -145,7 +145,7 @@ def hear(link: Link, frames: Frames, frame: int, now_ns: int) -> int:
 
 @compilable
 def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
-    """Receive a message in a single frame and return its length; it aborts a message being received."""
+    """Receive a message in a single frame and return its length, aborting a message being received."""
     head, size = link.head[0], int(frames.data[frame, 0])
     if size < 1 or size > length - 1:
         return 0
@@ -158,7 +158,7 @@ def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
 
 @compilable
 def hear_first(link: Link, frames: Frames, frame: int, length: int, now_ns: int) -> None:
-    """Receive the first frame of a message; it aborts a message being received."""
+    """Receive the first frame of a message, aborting another message being received."""
     head, data = link.head[0], frames.data
     size = (int(data[frame, 0]) & 0xF) << 8 | int(data[frame, 1])
     if length < 8 or 0 < size < 8:  # it would have fitted into a single frame
@@ -204,7 +204,7 @@ def hear_next(link: Link, frames: Frames, frame: int, length: int, now_ns: int) 
 
 @compilable
 def hear_flow(head: Any, status: int, block_size: int, st_min: int, now_ns: int) -> None:
-    """Process flow control; it is ignored unless the sender waits for it."""
+    """Process a flow control frame, which is ignored unless the sender waits for it."""
     if head.sending != AWAITS:
         return
     if status == CONTINUE:
@@ -243,7 +243,7 @@ def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
 
 @compilable
 def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
-    """Write the frame with the next data: a single frame, the first one, or a consecutive one."""
+    """Write the next frame with data: a single frame, a first frame, or a consecutive frame."""
     head, data = link.head[0], frames.data
     first, size = 1, 7
     if head.sending == IN_BLOCK:

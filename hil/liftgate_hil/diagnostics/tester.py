@@ -90,7 +90,7 @@ def quiet(tester: Tester) -> Tester:
 
 
 def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes) -> Tester:
-    """Return a tester with these encoded requests (up to 8 bytes), which works from the run's time 0 on.
+    """Return a tester that makes these encoded requests (up to 8 bytes each) from the run's time 0 on.
 
     It clears trouble codes, reads them periodically, and resets the ECU for each call of `wants_reset`; an empty
     request is never made.
@@ -251,7 +251,7 @@ def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def next_request(head: Any, now_ns: int) -> int:
-    """Return the row of the request that is due now, or _NOTHING."""
+    """Return the index of the request that is due now, or _NOTHING."""
     if head.asked != _NOTHING:
         return _NOTHING
     if head.due != 0 and now_ns >= head.once_ns:
@@ -274,7 +274,7 @@ class CallerLoop(NamedTuple):
 
 
 def read_codes(diagnostics: Diagnostics, bench: CallerLoop) -> dict[str, int]:
-    """Return the status bytes of trouble codes by their texts. Raises like `response_to`."""
+    """Read trouble codes from the ECU: status bytes by the codes' texts. Raises like `response_to`."""
     request = services.read_request(diagnostics.status_mask)
     response = response_to(_READING, asking_once(diagnostics, request), bench)
     answer = services.answer_of(response)
@@ -284,12 +284,12 @@ def read_codes(diagnostics: Diagnostics, bench: CallerLoop) -> dict[str, int]:
 
 
 def clear_codes(diagnostics: Diagnostics, bench: CallerLoop) -> None:
-    """Clear all trouble codes. Raises like `response_to`."""
+    """Clear all trouble codes of the ECU. Raises like `response_to`."""
     response_to(_CLEARING, asking_once(diagnostics, services.clear_request()), bench)
 
 
 def response_to(service: str, tester: Tester, bench: CallerLoop) -> bytes:
-    """Return the positive response to the single request of a tester for a service.
+    """Run the caller's loop until a tester's single request has a positive response; return that.
 
     Raises DiagnosticsError if there is none, ConfigError if a cycle takes no time, and what a cycle raises.
     """
