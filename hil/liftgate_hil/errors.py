@@ -121,15 +121,15 @@ class PreconditionError(LiftgateError):
 
 
 class TransportError(LiftgateError):
-    """Raised for a bus that cannot be opened, or is lost."""
+    """Raised for a bus or serial port that cannot be opened, or is lost."""
 
 
 class RunGoneError(LiftgateError):
-    """Raised when an attached run has ended, or does not answer."""
+    """Raised when a run that a command was attached to has ended, or does not answer."""
 
 
 class RecordingError(LiftgateError):
-    """Raised for a recording that ended before its run."""
+    """Raised for a recording that could not be completed."""
 
 
 class OverrunError(LiftgateError):
@@ -179,7 +179,7 @@ def words_of(error: BaseException) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a foreign object as text for a message."""
+    """Return an object of foreign code as text for a message."""
     kind = type(value)
     if kind.__repr__ is object.__repr__:  # which contains an address in memory
         return f"an object of {kind.__module__}.{kind.__qualname__}"
@@ -229,7 +229,7 @@ class ConfigIssues:
         self._settled.add(key)
 
     def originate(self, key: str, called: str) -> None:
-        """Set the name of a key in messages, because its value is not from this source."""
+        """Set the name of a key in messages, because the key's value is not from this source."""
         self._origins[key] = called
 
     def unsettled(self, lines: Iterable[str]) -> list[str]:

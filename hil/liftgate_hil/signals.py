@@ -51,7 +51,7 @@ class Command(NamedTuple):
 
 
 class Rod(NamedTuple):
-    """The obstacle that a test bench's panel sets, which the gate meets while it closes."""
+    """An obstacle, set by a test bench's panel, that the gate meets while it closes."""
 
     obstacle_angle: Annotated[
         float, Signal("deg", -10.0, 180.0, "gate angle at which the gate meets the obstacle")
@@ -78,7 +78,7 @@ _AGES = [
 
 
 class EdgeTimes(NamedTuple):
-    """The last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
+    """Times of the last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
 
     left_edge_number: Annotated[float, _NUMBER]
     left_edge_age_1: Annotated[float, _AGES[0]]
@@ -167,7 +167,7 @@ MOST_FAULTS = 51  # of a scenario that a row tells apart: a number holds one mor
 
 
 class InForce(NamedTuple):
-    """Faults in force during each tick."""
+    """Column of the faults in force during each tick, as bits."""
 
     faults_in_force: Annotated[
         float,
