@@ -28,7 +28,7 @@ class Clutch(NamedTuple):
 
 
 class Slips(NamedTuple):
-    """Signed force [N] that each drive's clutch passes while it slips; 0: it grips."""
+    """Signed force [N] of each drive's clutch while it slips; 0: it grips."""
 
     left: float
     right: float

@@ -15,7 +15,7 @@ from liftgate_plant.gate_step import Midpoint, Motion
 
 
 class MomentumEquation(NamedTuple):
-    """Momentum of one drive over the step: A n1 = R + B ω1 − τ Sgn(n1); it transfers C n1 to the gate."""
+    """Momentum balance of one drive over the step: A n1 = R + B ω1 − τ Sgn(n1); it passes C n1 to the gate."""
 
     speed: float  # A
     constant: float  # R

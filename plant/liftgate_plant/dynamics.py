@@ -103,7 +103,7 @@ class Plant(NamedTuple):
 
 
 class DriveState(NamedTuple):
-    """State of one drive.
+    """State of one drive: electrical, mechanical and thermal.
 
     It has the current [A], motor speed [rev/s] and position [rev], temperatures [°C], and the clutch's slip along
     the spindle [m].
@@ -119,7 +119,7 @@ class DriveState(NamedTuple):
 
 
 class State(NamedTuple):
-    """State of the plant.
+    """State of the plant: both drives, gate, latch and twist.
 
     It has the gate's angle [rad] and rate [rad/s], fully latched 1.0 or 0.0, twist ψ [rad] and its rate [rad/s].
     """
@@ -467,7 +467,7 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
-    """Return the motor's back-EMF constant c2Φ [V/rps] at the housing's present temperature."""
+    """Return the motor's back-EMF constant c2Φ [V/rps] at the present temperature of its housing."""
     return drive.motor.speed_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 

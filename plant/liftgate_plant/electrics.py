@@ -272,7 +272,7 @@ def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> fl
 
 @compilable
 def along_duty(drive_input: DriveInput, now: Course) -> float:
-    """Return the signed mean current [A] of a periodic waveform; 0 for a bridge that is not on the source."""
+    """Return a motor's signed mean current [A] by its periodic waveform; 0 for a bridge not on the source."""
     if drive_input.duty == 0.0 or drive_input.coast != 0.0:
         return 0.0
     return math.copysign(1.0, drive_input.duty) * now.mean
@@ -383,7 +383,7 @@ def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tup
 
 @compilable
 def path_of(electric: Electric, begin: float, end: float, own: float, other: float, step: float) -> CurrentPath:
-    """Return the course of a current from `begin` to `end` [A] over a step, for the final speeds [rev/s]."""
+    """Return the course of a motor's current from `begin` to `end` [A] over a step, for final speeds [rev/s]."""
     mean = mean_current(electric.response, own, other)
     amplitude, decay = electric.transient.amplitude, electric.transient.decay
     if amplitude == 0.0 and (begin - end) * (mean - end) > 0.0:
@@ -395,6 +395,6 @@ def path_of(electric: Electric, begin: float, end: float, own: float, other: flo
 
 @compilable
 def final_current(electric: Electric, coast: float, own: float, other: float) -> float:
-    """Return the current [A] at the end of the step; the diodes of a coasting motor block reverse current."""
+    """Return a motor's current [A] at the end of the step; a coasting motor's diodes block reverse current."""
     current = end_current(electric.response, own, other)
     return current if coast == 0.0 else bridge.blocked(current, -electric.diodes)

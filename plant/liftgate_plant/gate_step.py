@@ -68,7 +68,7 @@ def at_side(own: Motion, state: State, twist_rate_end: float, torsion: Torsion, 
 def gate_contact(
     stiffness: float, damping: float, depth: float, lever: float, arm: float, motion: Motion, step: float
 ) -> LinearizedForce:
-    """Return the mean torque of a contact on the gate, linear in ω1.
+    """Return a contact's mean torque on the gate over a step, linear in the gate's final rate ω1.
 
     The contact's depth shrinks by lever · ω, and its force acts at `arm`.
     """

@@ -66,7 +66,7 @@ class Speeds(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """Course of both motor currents during a step."""
+    """Course of both motors' currents during a step."""
 
     left: CurrentPath
     right: CurrentPath
@@ -250,7 +250,7 @@ def new_speeds(
 def slipped_in(
     plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
 ) -> tuple[float, float]:
-    """Return the slip distances [m] of the left and right clutches in a step that ends at the speeds `new`."""
+    """Return the slip [m] of the left and right clutch in a step that ends at the speeds `new`."""
     if slips.left == 0.0 and slips.right == 0.0:
         return 0.0, 0.0
     inertia = dynamics.total_inertia(plant, load)

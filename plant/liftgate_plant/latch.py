@@ -147,7 +147,7 @@ def held_home(latched: bool) -> LatchState:
 
 @compilable
 def at_first(claw: Claw, latched: bool) -> LatchState:
-    """Return the latch's initial state: fully closed, or as if it had been released long ago."""
+    """Return the initial state of a latch with positions: fully closed, or as if released long ago."""
     driven = 0.0 if latched else claw.release_time
     return LatchState(FULL if latched else OPEN, 0.0, driven, 0.0)
 
@@ -273,7 +273,7 @@ def claw_depth(claw: Claw, angle: float) -> float:
 
 @compilable
 def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
-    """Return the torque [N m] of hook and claw on the gate."""
+    """Return the torque [N m] of the latch's hook and claw on the gate."""
     if claw.half == 0.0:
         return 0.0
     spring = contact.force(claw.spring, 0.0, claw_depth(claw, angle), 0.0)

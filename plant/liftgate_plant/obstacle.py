@@ -13,7 +13,7 @@ from liftgate_plant import contact
 
 
 class Obstacle(NamedTuple):
-    """Parameters of an obstacle in SI units; with stiffness 0 there is none.
+    """Parameters of an obstacle in SI units; stiffness 0: there is no obstacle.
 
     `direction` is +1 met while closing, −1 met while opening.
     """

@@ -34,7 +34,7 @@ PASSES = 2  # fixed-point iterations for the middle of the step
 
 @compilable
 def bend(link: Linkage, angle: float) -> float:
-    """Return the derivative of the lever arm, r' = dr_AP/dφ [m/rad]."""
+    """Return the lever arm's derivative r' = dr_AP/dφ [m/rad]."""
     s, r = link.body_radius, link.gate_radius
     arm = gate.lever(link, angle)
     along = s * r * math.cos(angle + link.offset) - arm * arm
@@ -173,7 +173,7 @@ def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: i
 def path_of(
     drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, step: float, order: int
 ) -> CurrentPath:
-    """Return the course of one motor's current during the step.
+    """Return the course of one motor's current during a step.
 
     In the second-order model the current follows its voltage at once, and then a straight line.
     """

@@ -44,7 +44,7 @@ def overlaid(
     latch_cinched: float,
     obstacle: Obstacle,
 ) -> Load:
-    """Return the load on the gate: `base`, overridden by `surroundings` where that is not NaN."""
+    """Return the load `base` on the gate, overridden by `surroundings` where these are not NaN."""
     return Load(
         supply_voltage=value_or(surroundings.supply_voltage_v, base.supply_voltage),
         supply_rise=supply_rise,

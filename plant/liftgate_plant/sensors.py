@@ -150,7 +150,7 @@ def quantised(value: float, resolution: float) -> float:
 
 @compilable
 def hall_count(sensors: Sensors, position: float) -> int:
-    """Return a perfect encoder's count at a motor position [rev]."""
+    """Return the count of a perfect encoder, by the sensors' counts per turn, at a motor position [rev]."""
     return ideal_count(sensors.hall_counts, position)
 
 
@@ -243,7 +243,7 @@ def broken_reading(sensors: Sensors, fault: CurrentFault, duty: float, reading: 
 
 @compilable
 def strip_closes(sensors: Sensors, side: float, rod: Obstacle, force: float) -> bool:
-    """Whether the pinch strip on a side (1 left, −1 right) is pressed by what the closing gate meets."""
+    """Whether the pinch strip on a side (1 left, −1 right) is pressed by an obstacle of the closing gate."""
     met = rod.direction > 0.0 and side * rod.lateral >= sensors.strip_begin
     return bool(met and sensors.strip_force > 0.0 and force >= sensors.strip_force)
 

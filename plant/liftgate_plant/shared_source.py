@@ -76,7 +76,7 @@ class Sag(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Integrals of a current over the period so far, and its extremes."""
+    """Integrals of a current over the period so far, and the current's extremes."""
 
     charge: float  # A s
     square: float  # A² s
@@ -261,7 +261,7 @@ def part_of(
     source: float,
     resistance: float,
 ) -> Part:
-    """Solve both currents of a part that begins with `i_l` and `i_r` [A].
+    """Solve both currents of a part of the period that begins with `i_l` and `i_r` [A].
 
     The currents x = √L i are transformed to modes, solved there, and transformed back.
     """
@@ -290,7 +290,7 @@ def part_of(
 
 @compilable
 def decay_of(part: Part, time: float) -> Decay:
-    """Return the decay of both modes of a part after a time [s]."""
+    """Return the Decay of both modes of a part after a time [s]."""
     left_1, left_2 = math.exp(-part.rate_1 * time), math.exp(-part.rate_2 * time)
     return Decay(time, part.rate_1, part.rate_2, left_1, left_2)
 
@@ -328,7 +328,7 @@ def next_switch(now: float, period: float, on_left: float, on_right: float) -> f
 def over_a_period(
     left: Branch, right: Branch, start_l: float, start_r: float, source: float, resistance: float
 ) -> Period:
-    """Compute both currents over a period that begins with `start_l` and `start_r` [A]."""
+    """Compute both currents over a PWM period that begins with `start_l` and `start_r` [A]."""
     period = left.chopper.period if left.duty > 0.0 else right.chopper.period
     on_l, on_r = left.duty * period, right.duty * period
     i_l, i_r, now, by, sag = start_l, start_r, 0.0, SAME, Sag(source, resistance)

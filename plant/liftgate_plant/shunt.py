@@ -93,7 +93,7 @@ def ideal_ripple(order: float) -> float:
 
 @compilable
 def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
-    """Return the current [A] that a ripple of a share of the EMF drives through the winding.
+    """Return the current [A] driven through the winding by a ripple of the EMF, given as share of the EMF.
 
     For `order` commutations per turn it is share c2Φ n / √(R² + (2π order n L)²).
     """
@@ -166,7 +166,7 @@ def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
 def gathered_between(
     ripple: Commutation, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
 ) -> float:
-    """Return the charge [A s] that flows between two times of the step, commutation ripple included."""
+    """Return the charge [A s] that flows between two times [s] of the step, with commutation ripple."""
     if end <= begin:
         return 0.0
     part = part_of(path, begin, end, step)

@@ -155,7 +155,7 @@ class Surroundings(NamedTuple):
 
 @compilable
 def switched(is_on: bool) -> float:
-    """Return the signal of a switch: 1.0 on, 0.0 off."""
+    """Return the Signal of a switch: 1.0 on, 0.0 off."""
     return 1.0 if is_on else 0.0
 
 
@@ -263,7 +263,7 @@ class Sensed(NamedTuple):
 
 
 def signals_of(row: type[Any]) -> dict[str, Signal]:
-    """Return the signals of a row's type by column, in its order."""
+    """Return the signals of a row's type by column, in order."""
     hints = get_type_hints(row, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items()}
 

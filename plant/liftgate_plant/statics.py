@@ -223,7 +223,7 @@ def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> St
 
 
 def _cold(rest: Rest) -> DriveState:
-    """Return the state of a drive at rest and at ambient temperature."""
+    """Return the state of a resting drive at ambient temperature."""
     ambient = rest.load.ambient_temperature
     return DriveState(0.0, 0.0, 0.0, ambient, ambient, ambient)
 
