@@ -52,7 +52,7 @@ def compilable(function: F) -> F:
 
 
 def outlined(function: F) -> F:
-    """Mark a compilable function that machine code calls instead of inlining it at each call.
+    """Mark a compilable function as called, instead of inlined, in machine code.
 
     This suits a function of few arguments, where a call costs less than another copy of its code.
     """
@@ -84,7 +84,7 @@ def is_cached(function: Callable[..., Any]) -> bool:
 
 
 def processor() -> tuple[str, str]:
-    """Return the processor's name and features, for which machine code is made."""
+    """Return name and features of the processor for which machine code is made."""
     return building.processor()
 
 

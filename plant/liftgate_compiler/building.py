@@ -51,7 +51,7 @@ def _numbers_of(version: str) -> tuple[int, ...]:
 
 
 def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
-    """Compile an entry point in this process. Raises what numba raises."""
+    """Compile an entry point in this process, with numba. Raises what numba raises."""
     _import_numba()
     from liftgate_compiler import making
 
@@ -60,12 +60,12 @@ def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
 
 
 def file_of(function: Callable[..., Any], kinds: Sequence[Kind]) -> Path:
-    """Return the file in which machine code for arguments of these kinds is stored."""
+    """Return the path of the stored machine code for arguments of these kinds."""
     return storage.path_of(folder_of(function), ",".join(text_of(kind) for kind in kinds))
 
 
 def folder_of(function: Callable[..., Any]) -> Path:
-    """Return the folder in which machine code of an entry point is stored, as its sources are now."""
+    """Return the folder of an entry point's stored machine code, by a hash of its present sources."""
     return storage.root() / key_of(function)
 
 
@@ -131,7 +131,7 @@ def _numba_version() -> str:
 
 
 def _import_numba() -> None:
-    """Import numba without its check whether scipy has a BLAS.
+    """Import numba, skipping its check whether scipy has a BLAS.
 
     The check imports half of scipy, which takes half a second; it is for products of matrices, of which there are
     none in compiled code.

@@ -100,7 +100,7 @@ class _Compiler:
         return pickle.loads(received[_LENGTH.size :])
 
     def end(self) -> None:
-        """End the process."""
+        """End the compiler's process."""
         with self._process:  # closes its pipes and waits
             self._process.kill()
 
@@ -175,7 +175,7 @@ def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
 
 
 def main() -> int:
-    """Run the compiler's process until its input ends."""
+    """Run the compiler's process: answer requests until its input ends."""
     ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # ends with its parent, as nobody waits then
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls, allow-untyped-decorators
-"""Extensions of numba for this package's own functions and types; importing the module registers them."""
+"""numba extensions for this package's own functions and types; importing the module registers them."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EI
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file against other processes until all its descriptors are closed.
+    """Lock an open file against other processes until all its descriptors are closed; return whether it worked.
 
     False: nobody can tell, as on file systems without locks (ENOSYS, ENOLCK of Lustre, EOPNOTSUPP of some network
     file systems). Raises BlockingIOError where another process has locked it.

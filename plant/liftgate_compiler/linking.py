@@ -132,7 +132,7 @@ def _link(library: Any, module: Any) -> None:
 
 
 def _below(library: Any) -> list[Any]:
-    """Return the libraries that `library` calls, directly or not, each after all that call it.
+    """Return the libraries that `library` calls, directly or not, each after all of its callers.
 
     The linker drops what nothing has called so far.
     """

@@ -81,7 +81,7 @@ def numba_type(kind: Kind) -> Any:
 
 
 def _kind_of(numba_type: Any) -> Kind:
-    """Return the kind of a result of this numba type. Raises TypeError."""
+    """Return the kind for a result of this numba type. Raises TypeError."""
     if isinstance(numba_type, types.BaseTuple):
         parts = tuple(_kind_of(each) for each in numba_type)
         return Tuple(getattr(numba_type, "instance_class", None), parts)
