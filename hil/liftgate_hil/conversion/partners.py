@@ -138,7 +138,7 @@ class _Reader:
 
     @property
     def held(self) -> tuple[int, int]:
-        """Times [ns] from and until which the table has values, the last row as long as the first; NEVER: open."""
+        """Time span [ns] with values of the table; the last row lasts as long as the one before; NEVER: open."""
         if self.last < NEVER or len(self._ends) < 2:
             return self._first, NEVER
         return self._first, int(2 * self._ends[1] - self._ends[0])
