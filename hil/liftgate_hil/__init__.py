@@ -86,7 +86,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Return a public name, imported from its module."""
+    """Return a public name of the package, imported from its module on first use."""
     if name == "__version__":
         from liftgate_hil.version import version
 
@@ -100,5 +100,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> "list[str]":
-    """Return the public names."""
+    """Return the public names of the package."""
     return [*__all__, "__version__"]

@@ -1,4 +1,4 @@
-"""Entry point of `liftgate-hil` and `python -m liftgate_hil`: settings needed before other imports."""
+"""Entry point of `liftgate-hil` and `python -m liftgate_hil`, with settings needed before other imports."""
 
 import gc
 import os

@@ -1,4 +1,4 @@
-"""Description of a result, once: JSON and its reference page are made from what stands at a field.
+"""Description of a result's fields, once, from which its JSON and the reference page are made.
 
     @dataclass(frozen=True)
     class Fit(DescribedResult):
@@ -21,10 +21,10 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 
 
 class Shown(NamedTuple):
-    """Description of a field of a result, or of one of its properties, as the annotation of its type.
+    """Annotation of a result's field or property that is public: its description for JSON and reference.
 
     An object whose keys vary has `names` for what stands for them in the reference, from the outside in, with the
-    `meanings` of what is there. Items of a sequence are shown as such an object `by` one of their attributes.
+    `meanings` of the values. Items of a sequence are shown as such an object `by` one of their attributes.
     """
 
     meaning: str
@@ -38,14 +38,14 @@ class Shown(NamedTuple):
 
 
 class DescribedResult:
-    """Base class of results: records of which what is `Shown` is public, in JSON and in the reference."""
+    """Base class of results: fields and properties marked as `Shown` are public, in JSON and the reference."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is shown as plain values by their keys; a number that is not finite is None."""
+        """Return the public fields as plain values by key; a number that is not finite is None."""
         return _object_of(self)
 
     def to_json(self, indent: int | None = None) -> str:
-        """Return what `--json` prints: on one line, or with an indent."""
+        """Return the result as JSON, as `--json` prints it: on one line, or with an indent."""
         import json  # which takes 2 ms of the start of commands that print none
 
         return json.dumps(self.to_dict(), indent=indent, allow_nan=False)
@@ -55,7 +55,7 @@ _SHOWN: dict[type, dict[str, tuple[Any, Shown]]] = {}  # of classes that have be
 
 
 def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
-    """Return type and description of what a class shows, by its attribute: fields, then properties."""
+    """Return type and description of a class's public fields, then properties, by attribute name."""
     if record not in _SHOWN:
         hints = get_type_hints(record, include_extras=True)
         for base in reversed(record.__mro__):
@@ -87,7 +87,7 @@ def _object_of(record: Any) -> dict[str, Any]:
 
 
 def json_of(value: Any) -> Any:
-    """Return a value for JSON: results by what they show, arrays as lists; a number that is not finite is None."""
+    """Return a value in a form for JSON: results as dicts, arrays as lists; a number not finite is None."""
     if isinstance(value, DescribedResult):
         return value.to_dict()
     if isinstance(value, str | bool | int | None):
@@ -104,7 +104,7 @@ def json_of(value: Any) -> Any:
 
 
 def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
-    """Return the meanings of all keys in the JSON of a class by their dotted paths.
+    """Return the meanings of all keys in the JSON of a class, by dotted path.
 
     `a.b` is key `b` of object `a`, `a[].b` that of each object in list `a`. The keys of `own_tables` are left
     out: they have tables of their own.
@@ -139,7 +139,7 @@ def _is_list(hint: Any) -> bool:
 
 
 def _result_in(hint: Any) -> type | None:
-    """Return the class of results that a type consists of; None: it has none."""
+    """Return the class of results that a type hint is or contains; None: there is none."""
     if isinstance(hint, type) and get_origin(hint) is None:
         is_ours = issubclass(hint, DescribedResult) or hasattr(hint, "_fields") or is_typeddict(hint)
         return hint if is_ours and shown_in(hint) else None

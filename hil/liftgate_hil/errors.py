@@ -31,7 +31,7 @@ _FEW = 12  # names that a message lists
 
 
 def allowed_names(name: str, known: Iterable[str]) -> str:
-    """Return the names allowed in place of an unknown one, as text; where they are many, the nearest."""
+    """Return as text the names allowed in place of an unknown one; of many, those most similar."""
     names = list(known)
     if len(names) <= _FEW:
         return ", ".join(names)
@@ -39,7 +39,7 @@ def allowed_names(name: str, known: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str], most: int = 3) -> list[str]:
-    """Return the known names that may be meant: they begin with the name, contain it, or are spelled alike."""
+    """Return the known names similar to a name: they begin with it, contain it, or are spelled alike."""
     from difflib import get_close_matches  # takes as long as this file
 
     names, sought = list(known), name.lower()
@@ -49,32 +49,32 @@ def nearest(name: str, known: Iterable[str], most: int = 3) -> list[str]:
 
 
 class Entries(dict[str, _T]):
-    """Entries by name; the error on an unknown name lists what is allowed, see `allowed_names`."""
+    """Dictionary whose error on an unknown key lists the allowed ones, see `allowed_names`."""
 
     what: ClassVar[str]  # what a name names
     none: ClassVar[str]  # what is allowed where there are no entries
 
     def __missing__(self, name: str) -> _T:
-        """Raise KeyError."""
+        """Raise KeyError with the allowed keys."""
         __tracebackhide__ = True  # so that pytest shows the test's line
         allowed = allowed_names(str(name), self) if self else self.none
         raise KeyError(f"{name}: no such {self.what}; allowed: {allowed}")
 
 
 def printable(text: str) -> str:
-    """Return the text with control characters, line breaks and lone surrogates escaped as in Python."""
+    """Return a text with control characters, line breaks and lone surrogates escaped as in Python."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
 def number_of(count: int, noun: str) -> str:
-    """Return a count with its noun, in the plural unless it is one: 1 frame, 2 frames."""
+    """Return as text a count with its noun, in the plural unless it is one: 1 frame, 2 frames."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def with_unit(number: str, unit: str) -> str:
-    """Return a number with its unit; "": it has none."""
+    """Return a number with its unit as text; "": a number without one."""
     return f"{number} {unit}" if unit else number
 
 
@@ -86,7 +86,7 @@ class LiftgateError(Exception):
 
 
 def causes(error: LiftgateError) -> list[str]:
-    """Return the messages of an error and of the LiftgateErrors during which it was raised, oldest first."""
+    """Return the messages of an error and of the LiftgateErrors that led to it, oldest first."""
     earlier = error.__context__
     if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
         return list(dict.fromkeys([*causes(earlier), str(error)]))
@@ -94,7 +94,7 @@ def causes(error: LiftgateError) -> list[str]:
 
 
 class ConfigError(LiftgateError):
-    """Raised for issues in files, flags or values of the user; `issues` has one line for each."""
+    """Raised for issues in the user's files, flags or values; `issues` has one line for each."""
 
     def __init__(self, issues: Sequence[str] | str) -> None:
         given = [issues] if isinstance(issues, str) else issues
@@ -106,7 +106,7 @@ class ConfigError(LiftgateError):
 
 
 class NotWrittenError(ConfigError):
-    """Raised for files of a result that could not be written; `result` is the result itself."""
+    """Raised when a result's files could not be written; `result` is the result itself."""
 
     def __init__(self, issues: Sequence[str], result: object) -> None:
         super().__init__(issues)
@@ -121,15 +121,15 @@ class PreconditionError(LiftgateError):
 
 
 class TransportError(LiftgateError):
-    """Raised for a bus that cannot be opened, or is lost."""
+    """Raised for a bus or serial port that cannot be opened, or is lost."""
 
 
 class RunGoneError(LiftgateError):
-    """Raised when an attached run has ended, or does not answer."""
+    """Raised when a run that a command was attached to has ended, or does not answer."""
 
 
 class RecordingError(LiftgateError):
-    """Raised for a recording that ended before its run."""
+    """Raised for a recording that could not be completed."""
 
 
 class OverrunError(LiftgateError):
@@ -157,15 +157,15 @@ class PlantDivergedError(LiftgateError):
 
     @classmethod
     def at(cls, time: float, remedy: str = "a higher `rate`", found: str = "") -> PlantDivergedError:
-        """Return the error for a model time [s]; `found` is what was noticed, `remedy` what helps."""
+        """Return the error for a model time [s]; `found` is the symptom, `remedy` the advice."""
         when = f"{round(float(time), 6):.12g} s"
         return cls(f"the plant diverged at {when}{found}; allowed: {remedy}, plausible vehicle parameters")
 
 
 def text_of(error: BaseException) -> str:
-    """Return the text of an error of foreign code on one line; its `__str__` may fail too.
+    """Return the text of a foreign exception on one line; its `__str__` may fail, too.
 
-    Its backticks become apostrophes: ours stand around arguments, which the command line turns into flags.
+    Backticks become apostrophes: in our messages they mark arguments, which the command line turns into flags.
     """
     try:
         return " ".join(str(error).split()).replace("`", "'")
@@ -174,12 +174,12 @@ def text_of(error: BaseException) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """Return the text of an error on one line, or its type: drivers' texts have line breaks, or are empty."""
+    """Return the text of an error on one line, or its type's name if the text is empty."""
     return text_of(error) or type(error).__name__
 
 
 def shown(value: object) -> str:
-    """Return a foreign object as text for a message."""
+    """Return an object of foreign code as text for a message."""
     kind = type(value)
     if kind.__repr__ is object.__repr__:  # which contains an address in memory
         return f"an object of {kind.__module__}.{kind.__qualname__}"
@@ -190,7 +190,7 @@ def shown(value: object) -> str:
 
 
 class ConfigIssues:
-    """Collector of the issues of one source.
+    """Collector of the issues of one source, such as a file.
 
     `origins` maps keys that are not from that source to their names in messages.
     """
@@ -203,19 +203,19 @@ class ConfigIssues:
         self._settled: set[str] = set()
 
     def add(self, key: str, message: str) -> None:
-        """Add an issue of a key, unless the key is settled."""
+        """Add an issue about a key, unless the key is settled."""
         if key not in self._settled:
             self.take([f"{self.called(key)}: {message}"])
 
     def add_of(self, source: str, key: str, message: str) -> None:
-        """Add an issue of a key of another source; "": of this one."""
+        """Add an issue about a key of another source; "": of this source."""
         if source in ("", self.source):
             self.add(key, message)
         else:
             self.take([f"{source}: {key}: {message}"])
 
     def take(self, lines: Iterable[str]) -> None:
-        """Add issues that are whole lines already, each of them once."""
+        """Add issues given as complete lines, each once."""
         for line in lines:
             if line in self.lines:
                 continue
@@ -225,15 +225,15 @@ class ConfigIssues:
                 self.lines.append(line)
 
     def settle(self, key: str) -> None:
-        """Suppress further issues of a key, because those of its value are reported elsewhere."""
+        """Suppress further issues about a key, because its value's issues are reported elsewhere."""
         self._settled.add(key)
 
     def originate(self, key: str, called: str) -> None:
-        """Set the name of a key in messages, because its value is not from this source."""
+        """Set the name of a key in messages, because the key's value is not from this source."""
         self._origins[key] = called
 
     def unsettled(self, lines: Iterable[str]) -> list[str]:
-        """Return those of whole lines of the same source that are not about a settled key."""
+        """Return those lines of issues of this source that are not about a settled key."""
         settled = tuple(f"{self.called(key)}: " for key in self._settled)
         return [line for line in lines if not line.startswith(settled)]
 
@@ -250,7 +250,7 @@ class ConfigIssues:
             raise ConfigError(self.lines)
 
     def called(self, key: str) -> str:
-        """Return the name of a key in messages: with its source, or with where its value is from."""
+        """Return the name of a key in messages, with this source or the origin of the key's value."""
         for place, called in self._origins.items():
             if key == place or key.startswith((f"{place}.", f"{place}[")):
                 return called + key[len(place) :]
@@ -274,12 +274,12 @@ def is_of_this_program(path: Path) -> bool:
 
 
 def place_of(error: BaseException) -> str:
-    """Return where in a user's code an error was raised, as text; "": nowhere in it."""
+    """Return as text where in the user's code an error was raised; "": nowhere there."""
     return place_in(traceback.extract_tb(error.__traceback__))
 
 
 def place_in(calls: Sequence[traceback.FrameSummary]) -> str:
-    """Return the innermost of some calls that is in a user's code, as text; "": none is.
+    """Return as text the innermost call, of several, that is in the user's code; "": none is.
 
     Calls of libraries and of this program are passed over.
     """

@@ -1,4 +1,4 @@
-"""Catalogue of signals: the plant's quantities, and those of bus and loop.
+"""Catalogue of signals: quantities of the plant, of the bus and of the loop.
 
 A rig file maps `BUS_INPUTS` and `BUS_OUTPUTS` to signals of a database; recordings and `simulate` have `COLUMNS`;
 scenarios change `PROFILES`. All of them are derived from the NamedTuples here and in `liftgate_plant.signals`: a
@@ -38,7 +38,7 @@ _TIME = Signal("µs", 0.0, 1e12, "")
 
 
 class Command(NamedTuple):
-    """Command of the ECU; NaN: not present."""
+    """Command of the ECU to the gate; NaN: not present."""
 
     left_duty: Annotated[float, _DUTY]
     right_duty: Annotated[float, _DUTY]
@@ -51,7 +51,7 @@ class Command(NamedTuple):
 
 
 class Rod(NamedTuple):
-    """The obstacle that a test bench's panel sets, which the gate meets while it closes."""
+    """An obstacle, set by a test bench's panel, that the gate meets while it closes."""
 
     obstacle_angle: Annotated[
         float, Signal("deg", -10.0, 180.0, "gate angle at which the gate meets the obstacle")
@@ -78,7 +78,7 @@ _AGES = [
 
 
 class EdgeTimes(NamedTuple):
-    """The last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
+    """Times of the last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
 
     left_edge_number: Annotated[float, _NUMBER]
     left_edge_age_1: Annotated[float, _AGES[0]]
@@ -93,7 +93,7 @@ class EdgeTimes(NamedTuple):
 
 
 class Status(NamedTuple):
-    """Status of the emulator."""
+    """Status of the emulator in each tick."""
 
     tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "number of skipped tick periods", is_whole=True)]
     command_timeouts: Annotated[float, Signal("", 0.0, 1e18, "number of time-outs of the command", is_whole=True)]
@@ -107,7 +107,7 @@ class Status(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """Timing of the loop; NaN on a clock that is not real time."""
+    """Timing of the loop in each tick; NaN if the clock is not real time."""
 
     lateness_p50: Annotated[float, _TIME._replace(meaning="median lateness of a tick")]
     lateness_p99: Annotated[float, _TIME._replace(meaning="lateness that 99 % of the ticks do not exceed")]
@@ -123,7 +123,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """Timeliness of the bench itself in each tick; zeros on the free clock."""
+    """Lateness of the bench itself in each tick; zeros on the free clock."""
 
     ticks_missed: Annotated[
         float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)
@@ -167,7 +167,7 @@ MOST_FAULTS = 51  # of a scenario that a row tells apart: a number holds one mor
 
 
 class InForce(NamedTuple):
-    """Faults in force during each tick."""
+    """Column of the faults in force during each tick, as bits."""
 
     faults_in_force: Annotated[
         float,
@@ -198,7 +198,7 @@ TRUE_PREFIX = "true_"
 
 
 def _true_name(column: str, signal: Signal) -> str:
-    """Return the name of a true value in a rig.
+    """Return the name of a true value (as opposed to a sensor's) in a rig.
 
     True values always have the prefix, even without a sensor for them, so that a sensor added later can take the
     plain name.
@@ -210,7 +210,7 @@ _Parts = dict[str, dict[str, Signal]]  # the parts of a table with their signals
 
 
 def whole(parts: Mapping[str, Mapping[str, Signal]]) -> dict[str, Signal]:
-    """Return the signals of all parts in their order.
+    """Return the signals of all parts of a table in one mapping, in order.
 
     Raises ValueError for a duplicate name: one signal would replace the other, and all later ones would be
     misplaced.
@@ -225,7 +225,7 @@ def whole(parts: Mapping[str, Mapping[str, Signal]]) -> dict[str, Signal]:
 
 
 def _starts(name: str, parts: _Parts) -> Any:
-    """Return the index at which each part begins."""
+    """Return the index at which each part of a signal table begins, as a named tuple."""
     starts, length = [], 0
     for part in parts.values():
         starts.append(length)
@@ -249,7 +249,7 @@ BUS_OUTPUTS: dict[str, Signal] = whole(_OUTPUTS)
 
 
 def renamed_output(name: str) -> str:
-    """Return the present name of an output once called `name`, a true value without a sensor; "": none was."""
+    """Return the present name of an output formerly called `name`, a true value without sensor; "": none."""
     is_old = name not in BUS_OUTPUTS and TRUE_PREFIX + name in BUS_OUTPUTS
     return TRUE_PREFIX + name if is_old else ""
 
@@ -276,7 +276,7 @@ COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
 
 
 class ColumnValues(Entries[float]):
-    """Values of columns, by their names and in their units."""
+    """Values of columns, by name and in their units."""
 
     what, none = "column", "none before the first step"
 

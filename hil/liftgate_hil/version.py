@@ -1,4 +1,4 @@
-"""Versions of the installed packages; all other modules take them from here."""
+"""Versions of the installed packages, for all other modules."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PACKAGES = (
 
 @functools.cache
 def version(package: str = "liftgate-hil") -> str:
-    """Return the version in a package's metadata; "unknown" for a package that is not installed."""
+    """Return the version of an installed package; "unknown" if it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -28,7 +28,7 @@ def version(package: str = "liftgate-hil") -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this package, Python and `PACKAGES` by name."""
+    """Return the versions of this package, of Python and of `PACKAGES`, by name."""
     return {
         "liftgate-hil": version(),
         "python": platform.python_version(),

@@ -1,4 +1,4 @@
-"""The only place that depends on the compiler (numba).
+"""Interface to the compiler of machine code; nothing outside this package depends on numba.
 
 A function marked `compilable` stays a plain Python function: called from Python it runs as such, so that it can be
 debugged, covered and tested without a compiler. An entry point passed to `compiled` becomes machine code that
@@ -46,13 +46,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compilable(function: F) -> F:
-    """Mark a function as usable inside compiled code; it stays plain Python outside."""
+    """Mark a function as callable from compiled code; elsewhere it stays plain Python."""
     building.compilable_functions.append(function)
     return function
 
 
 def outlined(function: F) -> F:
-    """Mark a compilable function that machine code calls instead of inlining it at each call.
+    """Mark a compilable function as called, instead of inlined, in machine code.
 
     This suits a function of few arguments, where a call costs less than another copy of its code.
     """
@@ -68,7 +68,7 @@ def compiled(function: F) -> F:
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
-    """Whether `function` needs no compilation: the cache has machine code of it, for some argument types.
+    """Whether machine code of `function` is in the cache, for some kinds of arguments.
 
     Also true if the compiler is switched off; false if this user may not read the cache.
     """
@@ -84,23 +84,23 @@ def is_cached(function: Callable[..., Any]) -> bool:
 
 
 def processor() -> tuple[str, str]:
-    """Return the processor's name and features, for which machine code is made."""
+    """Return name and features of the processor for which machine code is made."""
     return building.processor()
 
 
 def enabled() -> bool:
-    """Whether the environment leaves the compiler on."""
+    """Whether the compiler is enabled, by the environment."""
     switches = os.environ.get("LIFTGATE_COMPILE", "1"), os.environ.get("NUMBA_DISABLE_JIT", "0")
     return switches[0] != "0" and switches[1] in ("", "0")
 
 
 def cache_folder(function: Callable[..., Any] | None = None) -> Path:
-    """Return the folder of all machine code, or that of an entry point as its sources are now."""
+    """Return the folder of all machine code, or that of one entry point with its present sources."""
     return storage.root() if function is None else building.folder_of(function)
 
 
 class Entry:
-    """Entry point in machine code; each combination of argument kinds has code of its own."""
+    """Entry point: a function compiled to machine code separately for each combination of argument kinds."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
@@ -110,15 +110,15 @@ class Entry:
 
     @property
     def kinds(self) -> list[tuple[Kind, ...]]:
-        """Kinds of the arguments for which there is machine code."""
+        """Combinations of argument kinds for which there is machine code."""
         return list(self._all)
 
     def is_ready_for(self, *arguments: Any) -> bool:
-        """Whether the machine code that was called last is for arguments of these kinds."""
+        """Whether the last used machine code accepts arguments of these kinds."""
         return self._last is not None and self._last.takes(arguments)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code for these arguments, after obtaining it if necessary.
+        """Call the function's machine code with these arguments, after loading or compiling it if needed.
 
         Raises TypeError for arguments that machine code does not accept, and what numba raises.
         """

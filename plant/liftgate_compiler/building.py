@@ -1,4 +1,4 @@
-"""Dependencies of a function's machine code, where it is stored, and how it is made in this process."""
+"""Dependencies of a function's machine code, its place on disk, and its compilation in this process."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _NOT_IN_KEY = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 
 
 class CompileError(RuntimeError):
-    """Raised where no machine code can be made: the compiler's process was ended, or its numba is not known."""
+    """Raised if no machine code can be made: the compiler's process was ended, or numba is unsuitable."""
 
 
 def check_numba() -> None:
-    """Check that the installed numba is one of the versions that were tried. Raises CompileError."""
+    """Check that the installed numba is a supported version. Raises CompileError."""
     lowest, highest = NUMBA
     try:
         installed = metadata.version("numba") or ""  # None: what a failed removal has left
@@ -46,12 +46,12 @@ def check_numba() -> None:
 
 
 def _numbers_of(version: str) -> tuple[int, ...]:
-    """Return the numbers that a version begins with."""
+    """Return the leading numbers of a version text."""
     return tuple(int(each) for each in re.findall(r"\d+", version)[:3])
 
 
 def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
-    """Compile an entry point in this process. Raises what numba raises."""
+    """Compile an entry point in this process, with numba. Raises what numba raises."""
     _import_numba()
     from liftgate_compiler import making
 
@@ -60,17 +60,17 @@ def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
 
 
 def file_of(function: Callable[..., Any], kinds: Sequence[Kind]) -> Path:
-    """Return the file in which machine code for arguments of these kinds is stored."""
+    """Return the path of the stored machine code for arguments of these kinds."""
     return storage.path_of(folder_of(function), ",".join(text_of(kind) for kind in kinds))
 
 
 def folder_of(function: Callable[..., Any]) -> Path:
-    """Return the folder in which machine code of an entry point is stored, as its sources are now."""
+    """Return the folder of an entry point's stored machine code, by a hash of its present sources."""
     return storage.root() / key_of(function)
 
 
 def key_of(function: Callable[..., Any]) -> str:
-    """Return a hash over all that the machine code of an entry point depends on."""
+    """Return the hash over all dependencies of an entry point's machine code."""
     return _key(function, len(compilable_functions))
 
 
@@ -86,7 +86,7 @@ def _key(function: Callable[..., Any], registered: int) -> str:
 
 @functools.cache
 def _environment() -> str:
-    """Return the other dependencies of machine code, as a text.
+    """Return as text the dependencies of machine code other than its sources.
 
     These are the compiler, its options and settings, Python, and the processor.
     """
@@ -113,7 +113,7 @@ def _environment() -> str:
 
 
 def processor() -> tuple[str, str]:
-    """Return what machine code is made for: the processor's name, and its features."""
+    """Return the processor for which machine code is made: its name and its features."""
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
@@ -131,7 +131,7 @@ def _numba_version() -> str:
 
 
 def _import_numba() -> None:
-    """Import numba without its check whether scipy has a BLAS.
+    """Import numba, skipping its check whether scipy has a BLAS.
 
     The check imports half of scipy, which takes half a second; it is for products of matrices, of which there are
     none in compiled code.

@@ -1,4 +1,4 @@
-"""C functions that compilable code may call: those of the C library by name, others by their address."""
+"""C functions callable from compilable code: those of the C library by name, others by address."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _KINDS = {"i": ctypes.c_int, "l": ctypes.c_long}
 
 
 class System:
-    """A function of the C library for compilable code: numbers in, a number out.
+    """A function of the C library that compilable code may call, with numbers as arguments and result.
 
     `result` and `arguments` are "i" for int and "l" for long, size_t and addresses (`array.ctypes.data`).
     """
@@ -29,11 +29,11 @@ class System:
         return function  # type: ignore[no-any-return]
 
     def __call__(self, *arguments: int) -> int:
-        """Call the function from plain Python."""
+        """Call the C function from plain Python."""
         return self._plain(*(int(argument) for argument in arguments))
 
     def thunk(self, function: Callable[..., int]) -> Any:
-        """Return a C function that calls a Python function with the arguments of this one; errno is passed on."""
+        """Return a C function with this signature that calls a Python function; errno is passed on."""
         kinds = [_KINDS[kind] for kind in self.arguments]
         return ctypes.CFUNCTYPE(_KINDS[self.result], *kinds, use_errno=True)(function)
 
@@ -50,12 +50,12 @@ INT_OF_STEP = ctypes.CFUNCTYPE(
 
 
 def call_long_int(address: int, a: int, b: int) -> int:
-    """Call `int f(int64_t or pointer, int)`."""
+    """Call the C function `int f(int64_t or pointer, int)` at an address."""
     return int(INT_OF_LONG_INT(address)(a, b))
 
 
 def call_step(address: int, a: int, b: int, c: int, d: int, e: int, f: int) -> int:
-    """Call `int f(pointer, int64_t, pointer, int, pointer, int)`."""
+    """Call the C function `int f(pointer, int64_t, pointer, int, pointer, int)` at an address."""
     return int(INT_OF_STEP(address)(a, b, c, d, e, f))
 
 

@@ -1,4 +1,4 @@
-"""Compilation in a process of its own, which can be stopped at any moment and returns machine code.
+"""Compilation in a separate process, which can be stopped at any moment and returns machine code.
 
 python -P -c ... PATH        the import path as JSON
 
@@ -41,10 +41,10 @@ class CompileRequest(NamedTuple):
 
 
 class _Compiler:
-    """The compiler's process, which answers one request after the other."""
+    """Compiler in a separate process, which answers one request after the other."""
 
     def __init__(self) -> None:
-        """Start it. Raises OSError, ValueError."""
+        """Start the process. Raises OSError, ValueError."""
         path = json.dumps([each for each in sys.path if Path(each).is_absolute()])
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _START, path],
@@ -56,7 +56,7 @@ class _Compiler:
         )
 
     def answer(self, request: bytes, look: Callable[[], None]) -> Any:
-        """Return the answer to a pickled Request; None where there is none, and then the process is ended.
+        """Return the answer to a pickled CompileRequest; None: the process gave none, and has been ended.
 
         `look` is called every 0.1 s meanwhile. Raises CompileError where the process was ended from outside, and
         what `look` raises.
@@ -100,26 +100,26 @@ class _Compiler:
         return pickle.loads(received[_LENGTH.size :])
 
     def end(self) -> None:
-        """End the process."""
+        """End the compiler's process."""
         with self._process:  # closes its pipes and waits
             self._process.kill()
 
 
 class _Kept:
-    """The compiler's process between two requests within `sharing`."""
+    """Compiler process that is kept between requests within `sharing`."""
 
     users = 0
     compiler: _Compiler | None = None
 
     @classmethod
     def taken(cls) -> _Compiler | None:
-        """Return the process, which is not kept any more."""
+        """Take over and return the kept process; None if there is none."""
         compiler, cls.compiler = cls.compiler, None
         return compiler
 
     @classmethod
     def keep(cls, compiler: _Compiler) -> None:
-        """Keep a process for the next request, or end it if nobody shares."""
+        """Keep a process for the next request, or end it if there is no `sharing` context."""
         if cls.users:
             cls.compiler = compiler
         else:
@@ -128,9 +128,9 @@ class _Kept:
 
 @contextlib.contextmanager
 def sharing() -> Iterator[None]:
-    """Let one process compile all entry points within the context.
+    """Context in which one process compiles all entry points.
 
-    It infers the types of a helper once, and lowers it once, for all entry points that call it.
+    The process infers the types of a helper once, and lowers it once, for all entry points that call it.
     """
     _Kept.users += 1
     try:
@@ -146,7 +146,7 @@ os.register_at_fork(after_in_child=_Kept.taken)
 
 
 def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
-    """Return what `building.make_here` returns, made in another process.
+    """Return the result of `building.make_here`, made in a separate process.
 
     Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
     raise.
@@ -175,7 +175,7 @@ def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
 
 
 def main() -> int:
-    """Run the compiler's process until its input ends."""
+    """Run the compiler's process: answer requests until its input ends."""
     ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # ends with its parent, as nobody waits then
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -185,7 +185,7 @@ def main() -> int:
 
 
 def _made(request: bytes) -> Any:
-    """Return the answer to a pickled Request; None where only the caller can compile it, or report why not."""
+    """Return the answer to a pickled CompileRequest; None where only the caller can compile or report errors."""
     with contextlib.suppress(Exception):
         asked: CompileRequest = pickle.loads(request)
         if building.key_of(asked.function) == asked.key:
@@ -194,13 +194,13 @@ def _made(request: bytes) -> Any:
 
 
 def _taken(stream: IO[bytes], count: int) -> bytes:
-    """Return as many bytes; none at the end of the stream."""
+    """Return `count` bytes of a stream; b"" at its end."""
     taken = stream.read(count)
     return taken if len(taken) == count else b""
 
 
 def _put(stream: IO[bytes], message: bytes) -> None:
-    """Write a message behind its length, whole."""
+    """Write a message to a stream, preceded by its length."""
     rest = memoryview(_LENGTH.pack(len(message)) + message)
     while rest:
         rest = rest[stream.write(rest) :]

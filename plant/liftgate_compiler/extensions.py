@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls, allow-untyped-decorators
-"""Extensions of numba for this package's own functions and types; importing the module registers them."""
+"""numba extensions for this package's own functions and types; importing the module registers them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _type_of_system(value: System, context: Any) -> Any:
 
 
 def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> None:
-    """Register `signature_of`, which returns the signature of one of our functions from its argument types."""
+    """Register `signature_of` with numba: it returns a function's signature for its argument types."""
 
     def typing(context: Any) -> Any:
         return signature_of

@@ -1,4 +1,4 @@
-"""Files that other processes see: written beside their place and renamed, so that they are whole, and locked.
+"""Files written atomically: as temporary files, locked, and renamed when complete.
 
 The standard library only; the machine code's cache, recordings, reports and campaigns share it.
 """
@@ -29,7 +29,7 @@ _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EI
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file against other processes until all its descriptors are closed.
+    """Lock an open file against other processes until all its descriptors are closed; return whether it worked.
 
     False: nobody can tell, as on file systems without locks (ENOSYS, ENOLCK of Lustre, EOPNOTSUPP of some network
     file systems). Raises BlockingIOError where another process has locked it.
@@ -44,13 +44,13 @@ def lock(descriptor: int) -> bool:
 
 
 def close(descriptor: int) -> None:
-    """Close a file whose content is on the disk, or of no use: an error would only hide the one before it."""
+    """Close a file whose content is on disk or not needed, ignoring errors, which would hide earlier ones."""
     with contextlib.suppress(OSError):
         os.close(descriptor)
 
 
 def write_whole(path: Path, content: bytes, is_new: bool = False, mode: int | None = None) -> None:
-    """Write a file as `whole_file` does. Raises OSError, which names the file."""
+    """Write a file's content atomically, as `whole_file` does. Raises OSError, which names the file."""
     with _naming(path), whole_file(path, is_new, mode) as stream:
         stream.write(content)
 
@@ -59,7 +59,7 @@ def write_whole(path: Path, content: bytes, is_new: bool = False, mode: int | No
 def whole_file(
     path: Path, is_new: bool = False, mode: int | None = None, make_way: Callable[[], object] | None = None
 ) -> Iterator[BinaryIO]:
-    """Context with a stream to a file's content: afterwards it is there whole, on an error as it was before.
+    """Context with a stream for a file's new content, which replaces the file only if complete.
 
     The content goes to a file beside its place, to the disk, and is then renamed. A file that is replaced keeps
     its owner and permissions, unless the permissions are given by `mode`; a link leads to the same place. Where
@@ -111,7 +111,7 @@ def whole_file(
 
 
 def _place_of(path: Path) -> Path:
-    """Return what a path leads to. Raises OSError: a link that cannot be read would be replaced, as if none."""
+    """Return the target of a path's links. Raises OSError for an unreadable link, which would be replaced."""
     try:
         return Path(os.path.realpath(path, strict=True))
     except FileNotFoundError:
@@ -119,12 +119,12 @@ def _place_of(path: Path) -> Path:
 
 
 class _HalfCopiedError(OSError):
-    """A file's content was replaced in part; the whole one stays in the temporary file that the message names."""
+    """Raised if a file was replaced only in part; the whole content stays in the named temporary file."""
 
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Context in which an OSError names a file, not the temporary one."""
+    """Context in which an OSError names the target file instead of the temporary one."""
     try:
         yield
     except OSError as error:
@@ -133,7 +133,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def _created(place: Path, mode: int | None) -> tuple[int, Path]:
-    """Create and lock the temporary file for a place, with the owner and the permissions of a file that is there.
+    """Create and lock a temporary file for a target, with the owner and permissions of an existing target.
 
     Return its descriptor and path. Raises OSError.
     """
@@ -155,7 +155,7 @@ def _created(place: Path, mode: int | None) -> tuple[int, Path]:
 
 
 def _is_held(descriptor: int) -> bool:
-    """Lock a temporary file; whether it is there, as `remove_leftovers` may have come before."""
+    """Lock a temporary file; return whether it still exists, as `remove_leftovers` may have removed it."""
     try:
         lock(descriptor)
     except BlockingIOError:
@@ -164,7 +164,7 @@ def _is_held(descriptor: int) -> bool:
 
 
 def _keep_owner(descriptor: int, before: os.stat_result) -> None:
-    """Give a file the owner and the permissions of another one. Raises OSError."""
+    """Give a file the owner and permissions of another one. Raises OSError."""
     own = os.fstat(descriptor)
     if (before.st_uid, before.st_gid) != (own.st_uid, own.st_gid):
         os.fchown(descriptor, before.st_uid, before.st_gid)
@@ -172,12 +172,12 @@ def _keep_owner(descriptor: int, before: os.stat_result) -> None:
 
 
 def _stream_of(descriptor: int, path: Path) -> BinaryIO:
-    """Return a stream to a descriptor, which has the path as its name."""
+    """Return a stream for a file descriptor, with the path as its name."""
     return open(path, "wb", opener=lambda *_: descriptor)  # Path.open has no opener
 
 
 def _replace(beside: Path, place: Path) -> None:
-    """Rename a file to its place, or copy its content there where that cannot be replaced. Raises OSError."""
+    """Rename a file to its target, or copy its content where the target cannot be replaced. Raises OSError."""
     try:
         beside.replace(place)
     except OSError as error:
@@ -193,7 +193,7 @@ def _replace(beside: Path, place: Path) -> None:
 
 
 def _copy(source: BinaryIO, place: Path) -> None:
-    """Copy a whole file into one that stays in its place, once there is room. Raises OSError, _HalfCopiedError."""
+    """Copy a whole file into an existing one once there is room. Raises OSError, _HalfCopiedError."""
     size = source.seek(0, os.SEEK_END)
     source.seek(0)
     with place.open("r+b") as target:
@@ -215,7 +215,7 @@ def _copy(source: BinaryIO, place: Path) -> None:
 
 
 def rename_new(path: Path, target: Path) -> None:
-    """Rename a file to a name that is free. Raises OSError, FileExistsError where it is not."""
+    """Rename a file to a free name. Raises OSError, FileExistsError if the name is taken."""
     try:
         os.link(path, target, follow_symlinks=False)
     except OSError as error:
@@ -228,13 +228,13 @@ def rename_new(path: Path, target: Path) -> None:
 
 
 def name_beside(name: str) -> str:
-    """Return the name of a temporary file of this program for the content of another one."""
+    """Return a name for the temporary file of another file, recognizable as this program's."""
     begin = os.fsencode(name)[:_LONGEST].decode(errors="ignore")
     return f".{begin}.liftgate-{uuid.uuid4().hex}"
 
 
 def remove_leftovers(folder: Path, name: str | None = None) -> None:
-    """Remove temporary files that killed processes have left in a folder, those for the file `name` or all.
+    """Remove temporary files of killed processes from a folder, those for the file `name` or all.
 
     A process that writes one holds its lock; where there are no locks, all stay.
     """
@@ -247,7 +247,7 @@ def remove_leftovers(folder: Path, name: str | None = None) -> None:
 
 
 def _remove_unlocked(path: Path) -> None:
-    """Remove a file unless a process holds its lock, or it can hold none."""
+    """Remove a file unless a process holds its lock, or the file system has no locks."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         try:

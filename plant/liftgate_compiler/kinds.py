@@ -1,4 +1,4 @@
-"""Kinds of the arguments and the result of machine code: numbers, arrays, tuples of them."""
+"""Kinds (types) of arguments and results of machine code: numbers, arrays, tuples of these."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 
 
 class NumberKind(NamedTuple):
-    """A number: "f" float, "i" int of 64 bits, "b" bool."""
+    """Kind of a number: "f" float, "i" int of 64 bits, "b" bool."""
 
     letter: str
 
 
 class Nothing(NamedTuple):
-    """The value None."""
+    """Kind of the value None."""
 
 
 class Array(NamedTuple):
-    """An array; `layout` is "C", "F" or "A" (any)."""
+    """Kind of an array; `layout` is "C", "F" or "A" (any)."""
 
     dtype: np.dtype[Any]
     ndim: int
@@ -28,7 +28,7 @@ class Array(NamedTuple):
 
 
 class Tuple(NamedTuple):
-    """A tuple; `type` is the class of a NamedTuple, None for a plain tuple."""
+    """Kind of a tuple; `type` is the class of a NamedTuple, None for a plain tuple."""
 
     type: type[Any] | None
     parts: tuple[Kind, ...]
@@ -60,7 +60,7 @@ def kind_of(value: Any) -> Kind:
 
 
 def text_of(kind: Kind) -> str:
-    """Return a text for a kind, the same in every process."""
+    """Return a text for a kind that is the same in every process."""
     if isinstance(kind, Tuple):
         # The fields' names are included: for a type that no annotation names, nothing else tells their order.
         names = getattr(kind.type, "_fields", ("",) * len(kind.parts))
@@ -76,9 +76,9 @@ def _name_of(named: type[Any] | None) -> str:
 
 
 def plain(kind: Kind) -> Any:
-    """Return a result's kind in a form for JSON.
+    """Return a kind of result in a form for JSON.
 
-    Its arrays are those of the arguments, so that their kinds are known.
+    Arrays in a result are those of the arguments, so that their kinds are known.
     """
     if isinstance(kind, Tuple):
         return [_name_of(kind.type), [plain(each) for each in kind.parts]]
@@ -86,7 +86,7 @@ def plain(kind: Kind) -> Any:
 
 
 def from_plain(value: Any) -> Kind:
-    """Return the kind that `value` has converted.
+    """Return the kind that `plain` has converted to `value`.
 
     Raises LookupError, ImportError, AttributeError where a type is not found.
     """

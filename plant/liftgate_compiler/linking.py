@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls
-"""Faster compilation with numba: helpers are linked into entry points, and only these are optimised.
+"""Faster compilation with numba: helpers are linked into entry points, and only entry points optimised.
 
 Left to itself, numba optimises each function and emits its machine code, with all functions that it calls inlined
 into it again. For the entry points here this is most of the compilation time, and none of that code is ever run.
@@ -19,7 +19,7 @@ from numba.core.compiler_machinery import PassManager
 
 class _Library(codegen.JITCodeLibrary):
     def _optimize_functions(self, ll_module: Any) -> None:
-        """Optimise as numba does, but with one pass manager for all functions of a module, and at -O1.
+        """Optimise a module as numba does, but with one pass manager for all its functions, and at -O1.
 
         The entry point is optimised as a whole, at -O3.
         """
@@ -31,18 +31,18 @@ class _Library(codegen.JITCodeLibrary):
 
 
 class HelperLibrary(_Library):
-    """Library of a helper: what it calls is not linked into it, and it has no machine code."""
+    """numba library of a helper, which contains no machine code, and to which its callees are not linked."""
 
     _whole: Any = None  # its module, linked with all that it calls
     is_outlined = False  # whether it is called, not inlined
 
     @property
     def codegen(self) -> Any:
-        """The code generator, without addresses."""
+        """The code generator, which gives nothing an address."""
         return _WithoutAddresses(self._codegen)
 
     def finalize(self) -> None:
-        """Prepare the library for the linker only."""
+        """Prepare the library for linking only, without machine code."""
         self._raise_if_finalized()
         for function in self._final_module.functions:
             # So that the linker takes it where it is called, and it can be inlined and dropped.
@@ -56,7 +56,7 @@ class HelperLibrary(_Library):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """Return the module with all that it calls, for libraries other than entry points."""
+        """Return the library's module with all its callees, for libraries that are no entry points."""
         self._ensure_finalized()
         if self._whole is None:
             self._whole = self._final_module.clone()
@@ -75,7 +75,7 @@ _NAME_LENGTH = 100  # of a function's name for profilers: module and function
 
 
 class ExportLibrary(_Library):
-    """Library of the function that is called from outside, with all helpers below it."""
+    """numba library of an entry point, with all helpers that it calls."""
 
     def emitted(self) -> bytes:
         """Link and optimise the library, and return its object file."""
@@ -95,11 +95,11 @@ class ExportLibrary(_Library):
         return bytes(self._codegen._tm.emit_object(self._final_module))
 
     def has_addresses(self) -> bool:
-        """Whether it contains addresses of this process, such as that of a large constant array."""
+        """Whether the library contains addresses of this process, such as of a large constant array."""
         return any(each.has_dynamic_globals for each in _below(self))
 
     def asked_for(self) -> list[str]:
-        """Return the names of the external functions that the code calls: declared, but not defined in it.
+        """Return the names of external functions that the code calls: declared, but not defined there.
 
         LLVM's own intrinsics are left out.
         """
@@ -111,7 +111,7 @@ class ExportLibrary(_Library):
 
 
 class _WithoutAddresses:
-    """Code generator for a library in which nothing has an address."""
+    """numba code generator for a library in which nothing has an address."""
 
     def __init__(self, whole: Any) -> None:
         self._whole = whole
@@ -124,7 +124,7 @@ class _WithoutAddresses:
 
 
 def _link(library: Any, module: Any) -> None:
-    """Link all libraries below `library` into `module`, each once."""
+    """Link all libraries that `library` calls into `module`, each once."""
     for each in _below(library):
         is_helper = isinstance(each, HelperLibrary)
         # preserve: another entry point may want it too
@@ -132,7 +132,7 @@ def _link(library: Any, module: Any) -> None:
 
 
 def _below(library: Any) -> list[Any]:
-    """Return the libraries that `library` calls, directly or not, each after all that call it.
+    """Return the libraries that `library` calls, directly or not, each after all of its callers.
 
     The linker drops what nothing has called so far.
     """
@@ -152,7 +152,7 @@ def _below(library: Any) -> list[Any]:
 
 
 class _Passes(PassManager):
-    """Pass manager that runs each pass and does nothing else.
+    """numba pass manager that only runs the passes.
 
     Numba's own analyses the function again after each, and describes the pass to listeners, for a fifth of a
     compilation; the passes below analyse it where they need that.
@@ -182,7 +182,7 @@ _PASSES: tuple[Any, ...] = (
 
 
 class HelperCompiler(Compiler):
-    """Compiler of what an entry point calls.
+    """numba compiler of the functions that an entry point calls.
 
     It supports no closures, parallel loops or array expressions, as there are none.
     """
@@ -190,7 +190,7 @@ class HelperCompiler(Compiler):
     is_outlined = False
 
     def define_pipelines(self) -> list[Any]:
-        """Return the one pipeline with the passes above."""
+        """Return the only pipeline, with the passes above."""
         manager = _Passes("liftgate")
         for each in _PASSES:
             manager.add_pass(each, each.__name__)
@@ -198,19 +198,19 @@ class HelperCompiler(Compiler):
         return [manager]
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile a function into a library that is linked only."""
+        """Compile a function into a HelperLibrary, for linking only."""
         self.state.library = HelperLibrary(self.state.targetctx.codegen(), func.__qualname__)
         self.state.library.is_outlined = self.is_outlined
         return super().compile_extra(func)
 
 
 class OutliningCompiler(HelperCompiler):
-    """Compiler of what an entry point calls and does not inline."""
+    """numba compiler of functions that an entry point calls without inlining them."""
 
     is_outlined = True
 
     def define_pipelines(self) -> list[Any]:
-        """Return the pipeline for a function that is not inlined itself.
+        """Return the pipeline for a function that is not to be inlined.
 
         Numba compiles a helper once for each set of its callers' flags: those on its stack at this point are the
         same for all, so that there is one.

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls
-"""Load machine code from an object file into this process. It needs LLVM only, not the compiler itself."""
+"""Load machine code from an object file into this process, with LLVM only, without the compiler."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ StandIns = Mapping[System, Callable[..., int]]
 
 
 class MachineCode:
-    """Machine code of an entry point for arguments of certain kinds."""
+    """Loaded machine code of an entry point for arguments of certain kinds."""
 
     def __init__(
         self, name: str, code: bytes, arguments: Sequence[Kind], result: Kind, stand_ins: StandIns | None = None
@@ -38,11 +38,11 @@ class MachineCode:
         self._room = ctypes.c_char * size
 
     def takes(self, arguments: tuple[Any, ...]) -> bool:
-        """Whether arguments are of the kinds that the code is for, but for arrays, which it checks itself."""
+        """Whether arguments have the code's kinds; details of arrays are checked by the code itself."""
         return self._pack(arguments) is not None
 
     def call(self, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
-        """Call the code; return whether it is made for arguments of these kinds, and the result.
+        """Call the machine code; return whether it accepts these arguments, and its result.
 
         Raises RuntimeError.
         """
@@ -86,6 +86,6 @@ def _engine_with(code: bytes, thunks: Mapping[str, Any]) -> Any:
 
 
 def unresolved(names: Sequence[str]) -> list[str]:
-    """Return those of these functions that neither this process nor the C library has."""
+    """Return those of these function names that neither this process nor the C library defines."""
     libraries = [ctypes.CDLL(None), ctypes.CDLL(_LIBM)]
     return [name for name in names if not any(hasattr(library, name) for library in libraries)]

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls
-"""Make machine code of an entry point with numba: its object file, and the kind of its result.
+"""Compile an entry point to machine code with numba: its object file, and the kind of its result.
 
 The object file exports one function, `int liftgate_entry(const int64_t *arguments, int64_t *result)`, whose memory
 `packing` describes. Nothing in it counts references or allocates: arrays belong to the caller.
@@ -44,7 +44,7 @@ def make(
     helpers: set[Callable[..., Any]],
     outlined: set[Callable[..., Any]],
 ) -> Stored:
-    """Compile an entry point, and the helpers that it calls, for arguments of these kinds.
+    """Compile an entry point, with the helpers that it calls, for arguments of these kinds.
 
     Helpers in `outlined` are called, not inlined. Raises what numba raises.
     """
@@ -81,7 +81,7 @@ def numba_type(kind: Kind) -> Any:
 
 
 def _kind_of(numba_type: Any) -> Kind:
-    """Return the kind of a result of this numba type. Raises TypeError."""
+    """Return the kind for a result of this numba type. Raises TypeError."""
     if isinstance(numba_type, types.BaseTuple):
         parts = tuple(_kind_of(each) for each in numba_type)
         return Tuple(getattr(numba_type, "instance_class", None), parts)
@@ -98,7 +98,7 @@ def _kind_of(numba_type: Any) -> Kind:
 
 
 def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
-    """Return the object file with the one function that is called from outside."""
+    """Return the object file, with one function that is called from outside."""
     context, signature = compiled.target_context, compiled.signature
     codegen = context.codegen()
     library = linking.ExportLibrary(codegen, SYMBOL)
@@ -137,7 +137,7 @@ def _field(builder: Any, object_: Any, offset: int, kind: Any = _WORD) -> Any:
 
 
 def _array_check(module: Any, memory: Any) -> Any:
-    """Return a generated function that checks whether an object is an expected array.
+    """Return a generated LLVM function that checks whether an object is an array as expected.
 
     It checks type, dimensions, flags, and the type and size of the data. It is called, not inlined: an entry point
     has fifty arrays, and checks each once.
@@ -174,7 +174,7 @@ def _array_check(module: Any, memory: Any) -> Any:
 
 
 class _Reader:
-    """Generator of code that reads arguments, or returns UNFIT where an array is not as it was at compilation."""
+    """Generator of LLVM code that reads arguments, or returns UNFIT if an array differs from compilation time."""
 
     def __init__(self, context: Any, builder: Any, memory: Any) -> None:
         self._context = context
@@ -186,7 +186,7 @@ class _Reader:
         self._fits = _array_check(builder.module, memory.type)
 
     def read(self, kind: Kind, numba_type: Any) -> Any:
-        """Return the generated value of an argument of that kind and type."""
+        """Return the generated LLVM value of the next argument, of a kind and numba type."""
         builder, context = self._builder, self._context
         if isinstance(kind, Tuple):
             parts = [self.read(*each) for each in zip(kind.parts, numba_type, strict=True)]
@@ -243,9 +243,9 @@ class _Reader:
 
 
 def _write(context: Any, builder: Any, numba_type: Any, value: Any, memory: Any) -> None:
-    """Generate code that writes a result.
+    """Generate LLVM code that writes a result to memory.
 
-    It returns STRANGE_ARRAY where an array is not one that Python has.
+    The code returns STRANGE_ARRAY for an array that no Python object owns.
     """
     places = iter(range(1 << 30))
 
@@ -271,7 +271,7 @@ def _word_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
 
 
 def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
-    """Return the address of the Python object to which this array belongs."""
+    """Return the address of the Python object that owns an array's data."""
     array = context.make_array(part)(context, builder, value=value)
     owner = builder.ptrtoint(array.parent, _WORD)
     has_none = builder.icmp_unsigned("==", owner, _WORD(0))

@@ -1,4 +1,4 @@
-"""Obtain machine code for a function and kinds of arguments: from the disk, or compiled and stored there.
+"""Obtain machine code of a function for kinds of arguments: read from disk, or compiled and stored.
 
 Watchers are informed while something is being compiled, which takes seconds.
 """
@@ -21,33 +21,33 @@ from liftgate_compiler.storage import Stored
 
 
 class GivenUpError(Exception):
-    """Raised when nobody waits for the machine code any more."""
+    """Raised by a watcher to end a compilation, as nobody waits for the machine code any more."""
 
 
 class Watcher:
-    """Watcher of compilations; this one does nothing.
+    """Base class of watchers, which are informed of compilations; its methods do nothing.
 
     An exception of its methods (GivenUpError) ends the waiting and the compilation.
     """
 
     def compiles(self, name: str, seconds: float) -> None:
-        """Called every tenth of a second, from 0 on: `name` has been compiling for `seconds`."""
+        """Called every 0.1 s, from 0 on: `name` has been compiling for `seconds`."""
 
     def waits(self, name: str, seconds: float) -> None:
-        """Called likewise while `name` has waited `seconds` for another process or thread to compile."""
+        """Called every 0.1 s: `name` has waited `seconds` for another process or thread to compile."""
 
     def ready(self, name: str, seconds: float) -> None:
-        """Called when compilation, or the wait for another process's, has ended after `seconds`."""
+        """Called when a compilation, or the wait for another process's, has ended after `seconds`."""
 
     def not_kept(self, why: str) -> None:
-        """Called with the reason why machine code is neither read from the disk nor stored there."""
+        """Called with the reason if machine code is neither read from disk nor stored there."""
 
 
 _watchers = [Watcher()]
 
 
 def watch(watcher: Watcher) -> None:
-    """Inform this watcher of compilations from now on, instead of the one before.
+    """Inform this watcher of compilations from now on, instead of the previous one.
 
     Only the watcher added last is informed; `unwatch` removes it.
     """
@@ -55,12 +55,12 @@ def watch(watcher: Watcher) -> None:
 
 
 def unwatch(watcher: Watcher) -> None:
-    """Remove a watcher; threads that watch need not end in the order in which they began."""
+    """Remove a watcher; watchers need not be removed in the order in which they were added."""
     _watchers.remove(watcher)
 
 
 def watcher() -> Watcher:
-    """Return the watcher that is informed: the last one added."""
+    """Return the current watcher: the last one added."""
     return _watchers[-1]
 
 
@@ -68,7 +68,7 @@ _lock = threading.Lock()
 
 
 def _renew_lock() -> None:
-    """Give a forked process a lock of its own: a thread of its parent may hold the other."""
+    """Give a forked process a new lock, as a thread of its parent may hold the old one."""
     global _lock  # noqa: PLW0603
     _lock = threading.Lock()
 
@@ -99,7 +99,7 @@ def machine_code_of(
 
 
 def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
-    """Return stored code, or compile and store it; problems with the disk cost time and are reported."""
+    """Return machine code stored on disk, or compile and store it; disk errors are only reported."""
     path = building.file_of(function, kinds)
     with contextlib.ExitStack() as stack:
         try:

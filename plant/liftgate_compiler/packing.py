@@ -1,4 +1,4 @@
-"""Pack arguments into the memory that machine code reads, and unpack results from what it wrote.
+"""Packing of arguments into memory for machine code, and unpacking of its results.
 
 A number takes 8 bytes, an array the address of its Python object: machine code reads where its data are, and
 checks whether it is of the kind that the code was made for. The first two slots hold the addresses of the array
@@ -34,7 +34,7 @@ _FORMATS = {"f": "d", "i": "q", "b": "?7x"}
 
 
 def is_as_expected() -> bool:
-    """Whether numpy's memory layout of arrays is the one assumed here."""
+    """Whether numpy's memory layout of arrays is as assumed in this module."""
     for array in (
         np.arange(6, dtype=np.int32).reshape(2, 3),
         np.zeros(3).view(np.recarray),
@@ -63,7 +63,7 @@ def _word(address: int) -> int:
 
 
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
-    """Return a function that packs arguments of these kinds; it returns None where they are of others."""
+    """Return a function that packs arguments of these kinds, or returns None for arguments of others."""
     code = _Packing()
     arguments = "".join(f"{code.name_of(each)}, " for each in kinds)
     lines = [
@@ -88,7 +88,7 @@ def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
 
 
 class _Packing:
-    """Parts of the generated function, in the order of the slots.
+    """Source text of a packing function under construction, in the order of the memory slots.
 
     A tuple is taken apart only where its type is the expected one: the items of any other iterable might be gone
     before machine code reads them.
@@ -104,7 +104,7 @@ class _Packing:
         self._names = 0
 
     def name_of(self, kind: Kind) -> str:
-        """Add an argument of this kind to the generated packing function; return its variable's name.
+        """Add an argument of a kind to the packing function; return its variable's name.
 
         This adds the argument's checks, its values and their format to the function.
         """
@@ -141,7 +141,7 @@ class _Packing:
 
 
 def unpacker(kind: Kind) -> tuple[int, Callable[[bytes], Any]]:
-    """Return the size [bytes] of a result, and a function that builds it from the bytes."""
+    """Return the size [bytes] of a result of a kind, and a function that builds it from the bytes."""
     formats: list[str] = []
     scope: dict[str, Any] = {"object": PyObj_FromPtr, "new": tuple.__new__}
 

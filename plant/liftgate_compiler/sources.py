@@ -1,4 +1,4 @@
-"""Sources of an entry point's machine code, and a hash over all of them.
+"""Sources that an entry point's machine code depends on, and a hash over all of them.
 
 They are found from the entry on through the globals that its bytecode names: compilable functions and the modules
 that hold them, types that annotations name or that are called as constructors, constants. Only the functions found
@@ -26,7 +26,7 @@ _NAME = re.compile(r"[^\W\d]\w*")
 
 
 class Sources:
-    """All that `entry` reaches: `functions` among the compilable ones `registered`, and the parts of the hash.
+    """Sources of `entry`: the compilable functions that it reaches, and all else that the hash covers.
 
     The hash covers the text of each source file, the code as it was loaded (the file may have been edited since),
     the fields of each type, and the value of each constant. It contains no paths: it is the same wherever a
@@ -42,7 +42,7 @@ class Sources:
         self._add_function(entry)
 
     def digest(self, *more: str) -> str:
-        """Return the hash over all parts, and over `more`."""
+        """Return the hash over all sources, and over the texts `more`."""
         return _hash_of("\0".join((*sorted(self._parts), *more)).encode())[:16]
 
     def _add_function(self, function: Any) -> None:
@@ -68,7 +68,7 @@ class Sources:
             self._add(f"{scope.get('__name__')}.{name}", scope[name], names)
 
     def _add(self, name: str, value: Any, names: Iterable[str]) -> None:
-        """Add the object under a name; of a module, the objects under `names` in it."""
+        """Add an object that code names; of a module, the objects with `names` in it."""
         if isinstance(value, FunctionType):
             if value in self._registered:
                 self._add_function(value)
@@ -127,7 +127,7 @@ def _content_of(file: str | None) -> str:
 
 
 def _codes_in(code: CodeType) -> Iterator[CodeType]:
-    """Yield the code of a function and of those inside it."""
+    """Yield the code object of a function and those nested in it."""
     yield code
     for each in code.co_consts:
         if isinstance(each, CodeType):
@@ -141,7 +141,7 @@ def _text_of_code(code: CodeType) -> str:
 
 
 def _flat(annotation: Any) -> Iterator[Any]:
-    """Yield the types, and texts with names of types, in an annotation."""
+    """Yield all types, and texts with names of types, that occur in an annotation."""
     if isinstance(annotation, typing.ForwardRef):
         yield annotation.__forward_arg__
     elif typing.get_args(annotation):
@@ -152,7 +152,7 @@ def _flat(annotation: Any) -> Iterator[Any]:
 
 
 def _text_of(value: Any) -> str:
-    """Return a text that is the same in every process, for a constant that compiled code can have."""
+    """Return a text, the same in every process, for a constant in compiled code."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype!r} {value.shape} {_hash_of(value.tobytes())}"
     if isinstance(value, np.generic):

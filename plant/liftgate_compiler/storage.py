@@ -1,4 +1,4 @@
-"""Machine code on disk: a file for each entry point and kinds of its arguments, in the entry point's own folder.
+"""Storage of machine code: a folder for each entry point, with a file for each combination of argument kinds.
 
 Beside these are the durations of the last compilations, so that a wait can be announced in advance.
 
@@ -26,18 +26,18 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 class NotOursError(OSError):
-    """Raised where other users could have written to a file or folder."""
+    """Raised for a file or folder that other users could have written to."""
 
 
 class Stored(NamedTuple):
-    """Contents of a file: machine code, and the kind of its result."""
+    """Content of a stored file: machine code, and the kind of its result."""
 
     code: bytes
     result: Kind
 
 
 def root() -> Path:
-    """Return the folder in which machine code of this user is stored."""
+    """Return the folder with all stored machine code of this user."""
     return Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache") / "liftgate-hil"
 
 
@@ -49,12 +49,12 @@ def _home() -> Path:
 
 
 def path_of(folder: Path, kinds: str) -> Path:
-    """Return the file for arguments of these kinds."""
+    """Return the path of the stored file for arguments of these kinds."""
     return folder / (hashlib.sha256(kinds.encode()).hexdigest()[:16] + SUFFIX)
 
 
 def read(path: Path) -> Stored | None:
-    """Return the stored contents; None where no complete file exists. Raises OSError, including NotOursError."""
+    """Return the content of a stored file; None if no complete file exists. Raises OSError, incl. NotOursError."""
     try:
         check_ours(path.parent.parent)
         check_ours(path.parent)
@@ -74,14 +74,14 @@ def read(path: Path) -> Stored | None:
 
 
 def keep(path: Path, stored: Stored) -> None:
-    """Store machine code and the kind of its result in a file, completely or not at all. Raises OSError."""
+    """Store machine code and the kind of its result in a file atomically. Raises OSError."""
     content = json.dumps(plain(stored.result)).encode() + b"\n" + stored.code
     write_whole(path, _digest_of(path, content) + content, mode=0o600)
     remove_leftovers(path.parent)
 
 
 def _digest_of(path: Path, content: bytes) -> bytes:
-    """Return a digest of path and content.
+    """Return a digest of a stored file's path and content.
 
     The path is included because code of another entry point would be called with arguments it does not take.
     """
@@ -102,9 +102,9 @@ def _check(status: os.stat_result, path: Path) -> None:
 
 @contextlib.contextmanager
 def turn(folder: Path) -> Iterator[Turn]:
-    """Provide a lock with which one process at a time compiles. Raises OSError.
+    """Context with the lock by which only one process at a time compiles. Raises OSError.
 
-    Others wait, and read what it has stored.
+    Other processes wait, and read what that process has stored.
     """
     root().mkdir(parents=True, exist_ok=True, mode=0o700)
     folder.mkdir(exist_ok=True, mode=0o700)
@@ -119,15 +119,15 @@ def turn(folder: Path) -> Iterator[Turn]:
 
 
 class Turn:
-    """Lock that gives a process its turn to compile."""
+    """Lock by which processes take turns in compiling."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
 
     def taken(self) -> bool:
-        """Whether it is this process's turn now; takes the lock if it is free.
+        """Return whether this process holds the lock, after trying to take it.
 
-        On a file system without locks it always is: several processes may then compile the same.
+        On a file system without locks the result is always true: several processes may then compile the same.
         """
         try:
             lock(self._descriptor)
@@ -141,13 +141,13 @@ _LONGEST_S = 24 * 3600.0  # s; longer values are ignored as implausible
 
 
 def expected_s(name: str) -> float | None:
-    """Return how long an entry point took to compile the last time [s]; None: unknown."""
+    """Return how long compiling an entry point took the last time [s]; None: unknown."""
     value = _durations().get(name)
     return value if value is not None and 0.0 < value < _LONGEST_S else None
 
 
 def note_duration(name: str, seconds: float) -> None:
-    """Store how long the entry point `name` took to compile [s]; a failure to store it is ignored."""
+    """Store how long compiling the entry point `name` took [s]; failures to store are ignored."""
     found = {**_durations(), name: round(seconds, 1)}
     with contextlib.suppress(OSError):
         check_ours(root())

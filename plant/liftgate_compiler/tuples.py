@@ -1,4 +1,4 @@
-"""Operations on all numbers of a NamedTuple, or on text in arrays of bytes, at once: machine code has no loop."""
+"""Operations on all numbers of a NamedTuple, or on bytes of text, for code that is compiled."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def fill(target: Any, at: int, numbers: tuple[float, ...]) -> None:
 
 
 def picked(source: Any, places: T) -> T:
-    """Return the values of an array (n,) at `places`, as a NamedTuple of the same type as `places`."""
+    """Return the values of an array (n,) at the indices `places`, in a NamedTuple of the type of `places`."""
     kind: Any = type(places)
     return kind(*(source[place] for place in places))  # type: ignore[no-any-return]
 
 
 def unflattened(row: Any, like: T) -> T:
-    """Return a NamedTuple of floats and of such NamedTuples, built from an array (n,) of all its numbers in order.
+    """Return a (nested) NamedTuple of floats, built from an array (n,) of all its numbers in order.
 
     `like` determines the type; its numbers do not matter.
     """
@@ -42,7 +42,7 @@ def unflattened(row: Any, like: T) -> T:
 
 
 def with_item(numbers: T, place: int, value: float) -> T:
-    """Return the same NamedTuple of floats with another value at a place."""
+    """Return a NamedTuple of floats with another value at one index."""
     kind: Any = type(numbers)
     return kind(  # type: ignore[no-any-return]
         *(value if at == place else each for at, each in enumerate(numbers))
@@ -50,7 +50,7 @@ def with_item(numbers: T, place: int, value: float) -> T:
 
 
 def overlay(upper: T, lower: T) -> T:
-    """Return a NamedTuple of floats: the upper one's values, and where these are NaN the lower one's."""
+    """Return a NamedTuple of floats: the values of `upper`, and where these are NaN those of `lower`."""
     kind: Any = type(lower)
     return kind(  # type: ignore[no-any-return]
         *(below if math.isnan(above) else above for above, below in zip(upper, lower, strict=True))
@@ -58,7 +58,7 @@ def overlay(upper: T, lower: T) -> T:
 
 
 def all_finite(numbers: tuple[float, ...]) -> bool:
-    """Whether a NamedTuple of floats has neither infinity nor NaN in it."""
+    """Whether a NamedTuple of floats contains neither infinity nor NaN."""
     return all(math.isfinite(number) for number in numbers)
 
 

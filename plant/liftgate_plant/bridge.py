@@ -45,7 +45,7 @@ class Bridge(NamedTuple):
 
 
 class DriveInput(NamedTuple):
-    """Input of one motor during a step.
+    """Electrical input of one motor during a step: duty, voltage, coasting.
 
     `duty` is signed (−1…1, positive opens) and takes its current from the source; `voltage` [V] is applied to the
     motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off, CUT for a
@@ -59,7 +59,7 @@ class DriveInput(NamedTuple):
 
 @compilable
 def drive_input(state: int, duty: float) -> DriveInput:
-    """Return the input for a bridge state (COAST, OPEN, CLOSE, BRAKE) and a duty of 0…1."""
+    """Return the motor input for a bridge state (COAST, OPEN, CLOSE, BRAKE) and a duty of 0…1."""
     if state == OPEN:
         return DriveInput(duty, 0.0, 0.0)
     if state == CLOSE:
@@ -85,7 +85,7 @@ class Coasting(NamedTuple):
 def coasting(
     current: float, emf: float, resistance: float, inductance: float, limit: float, growth: float, step: float
 ) -> Coasting:
-    """Return how a winding with all switches off behaves in a step.
+    """Return the behaviour in a step of a winding with all switches off.
 
     `emf` is the back-EMF [V], `limit` is V at the step's start, and `growth` [V] is how much the EMF's magnitude
     gains on that limit until its end, as long as there is no current.
@@ -112,9 +112,9 @@ def coasting(
 
 @compilable
 def restart(excess: float, growth: float, earliest: float, step: float) -> float:
-    """Return when [s] a back-EMF drives a current in a step.
+    """Return the time [s] in a step at which a back-EMF starts to drive a current through the diodes.
 
-    It is `excess` [V] over its limit at the step's start, and grows.
+    The EMF is `excess` [V] over its limit at the step's start, and grows by `growth` [V] over the step.
     """
     if excess + growth * earliest / step > 0.0:
         return earliest
@@ -123,5 +123,5 @@ def restart(excess: float, growth: float, earliest: float, step: float) -> float
 
 @compilable
 def blocked(current: float, direction: float) -> float:
-    """Return the current that diodes let through: none against `direction` (sign of the driving voltage)."""
+    """Return the current limited by diodes: 0 if it flows against `direction` (sign of the driving voltage)."""
     return current if current * direction > 0.0 else 0.0

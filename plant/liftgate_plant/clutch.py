@@ -28,7 +28,7 @@ class Clutch(NamedTuple):
 
 
 class Slips(NamedTuple):
-    """Signed force [N] that each drive's clutch passes while it slips; 0: it grips."""
+    """Signed force [N] of each drive's clutch while it slips; 0: it grips."""
 
     left: float
     right: float
@@ -39,20 +39,20 @@ GRIP = Slips(0.0, 0.0)
 
 @compilable
 def slipping(limit: float, force: float) -> float:
-    """Return the force [N] a clutch passes in a step with that mean force without slip; 0: it grips."""
+    """Return the force [N] of a slipping clutch in a step with mean force `force` without slip; 0: it grips."""
     return math.copysign(limit, force) if limit > 0.0 and abs(force) > limit else 0.0
 
 
 @compilable
 def limited(limit: float, force: float) -> float:
-    """Return a force [N] behind a clutch of that limit; limit 0: there is no clutch."""
+    """Return a force [N] limited by a clutch of that slip force; limit 0: there is no clutch."""
     through = slipping(limit, force)
     return force if through == 0.0 else through
 
 
 @compilable
 def push_through(slipping: float, push: LinearizedForce) -> LinearizedForce:
-    """Return the mechanism's mean force over a step behind the clutch."""
+    """Return the mechanism's mean force on the gate over a step, limited by the clutch."""
     return push if slipping == 0.0 else LinearizedForce(slipping, 0.0)
 
 
@@ -66,9 +66,9 @@ def way(
     moved: float,
     step: float,
 ) -> float:
-    """Return how far [m] a clutch slips in a step; 0 if it grips.
+    """Return the slip [m] of a clutch in a step; 0 if it grips.
 
-    It is the change of the mechanism's extension [m] without slip (`moved`), less the change with which the
+    The slip is the change of the mechanism's extension [m] without slip (`moved`), less the change with which the
     mechanism settles on the clutch's force.
     """
     if slipping == 0.0:
@@ -81,7 +81,7 @@ def way(
 
 @compilable
 def settled(force: float, stiffness: float, damping: float, bent: float, step: float) -> float:
-    """Return how far [m] a mechanism is deflected after a step under a force [N]."""
+    """Return the deflection [m] of a mechanism after a step under a constant force [N]."""
     if stiffness == 0.0:
         return bent + step * force / damping  # not 0: without stiffness and damping there is no force
     final = force / stiffness

@@ -20,7 +20,7 @@ from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 
 class Constants(NamedTuple):
-    """All constants of a run that faults may change."""
+    """All constants of a run that faults may change: plant, sensors, load and faults."""
 
     plant: Plant
     sensors: Sensors
@@ -34,24 +34,24 @@ def constants_of(vehicle: Vehicle) -> Constants:
 
 
 def numbers_of(constants: Constants) -> dict[str, float]:
-    """Return every number by its path (`plant.left.spring.health`), in the order of the row."""
+    """Return all constants' numbers by path (`plant.left.spring.health`), in the order of the row."""
     return dict(zip(_names(), row_of(constants).tolist(), strict=True))
 
 
 def row_of(constants: Constants) -> NDArray[np.float64]:
-    """Return the numbers as a row (n,)."""
+    """Return the constants' numbers as a row (n,)."""
     return np.array(_reader()(constants), dtype=np.float64)
 
 
 @functools.cache
 def _names() -> tuple[str, ...]:
-    """Return the paths of all numbers."""
+    """Return the paths of all constants' numbers."""
     return tuple(_paths("", Constants))
 
 
 @functools.cache
 def _reader() -> Callable[[Constants], tuple[float, ...]]:
-    """Return the function that reads all numbers of constants."""
+    """Return a function that returns all numbers of Constants as a tuple."""
     return operator.attrgetter(*_names())
 
 

@@ -14,7 +14,7 @@ STIFF = 1.2
 
 
 class PushWindow(NamedTuple):
-    """The part of a step during which a contact pushes: from `start` to `end`, as fractions of the step."""
+    """Part of a step in which a contact pushes: `start` to `end`, as fractions of the step."""
 
     start: float
     end: float
@@ -29,7 +29,7 @@ class LinearizedForce(NamedTuple):
 
 @compilable
 def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
-    """Return the contact's present force [N]: penetration `depth` [m], its `rate` [m/s]."""
+    """Return a contact's force [N] for a penetration `depth` [m] and its `rate` [m/s]."""
     if depth <= 0.0:
         return 0.0
     return max(0.0, stiffness * depth + damping * rate)
@@ -37,7 +37,7 @@ def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
 
 @compilable
 def positive_part(start: float, end: float) -> tuple[float, float]:
-    """Return the interval of [0, 1] on which a straight line from `start` to `end` is positive."""
+    """Return the interval within [0, 1] on which a straight line from `start` to `end` is positive."""
     if start > 0.0:
         if end >= 0.0:
             return 0.0, 1.0
@@ -49,7 +49,7 @@ def positive_part(start: float, end: float) -> tuple[float, float]:
 
 @compilable
 def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> bool:
-    """Whether the contact's own motion is too fast for the step."""
+    """Whether a contact is too stiff for the step: its own motion settles within it."""
     return mobility * step * (stiffness * step + 0.5 * damping) > STIFF
 
 
@@ -57,7 +57,7 @@ def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> 
 def window(
     stiffness: float, damping: float, depth: float, rate: float, rate_end: float, mobility: float, step: float
 ) -> PushWindow:
-    """Return when during a step of `step` seconds the contact pushes.
+    """Return the part of a step of `step` seconds in which a contact pushes.
 
     Depth and force are taken as linear in time between their values at both ends, so the contact closes where the
     depth crosses zero and opens where the force does (with damping: before the depth). A stiff contact pushes all
@@ -79,7 +79,7 @@ def window(
 def push(
     stiffness: float, damping: float, depth: float, rate: float, mobility: float, step: float, when: PushWindow
 ) -> LinearizedForce:
-    """Return the mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
+    """Return a contact's mean force over the step, with push window `when`, as a function of the final rate v1.
 
     With a linearly changing rate the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the window
     [a, b] weights v1 with (a² + a b + b²)/6: Newmark's method with β = 1/6, stable while the sum of k h²/m over

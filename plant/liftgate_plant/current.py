@@ -29,7 +29,7 @@ NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CurrentPath(NamedTuple):
-    """Current of a motor over a step, as its mean over a period of the PWM."""
+    """Course of a motor's current over a step, as its mean over a PWM period."""
 
     start: float  # A
     end: float  # A
@@ -44,20 +44,20 @@ _SEEN = 1e-3  # A; a smaller transient adds less than 1e-6 A² to a mean square
 
 @compilable
 def held(current: float) -> CurrentPath:
-    """Return a current that does not change."""
+    """Return the course of a constant current."""
     return CurrentPath(current, current, current, 0.0, 1.0, NO_SWITCHING)
 
 
 @compilable
 def line_of(path: CurrentPath, step: float) -> tuple[float, float]:
-    """Return the straight line's ends [A]."""
+    """Return both ends [A] of the straight-line part of a current's course."""
     last = path.end - path.amplitude * math.exp(-path.decay * step)
     return path.start - path.amplitude, last
 
 
 @compilable
 def charge_at(path: CurrentPath, time: float, step: float) -> float:
-    """Return the charge [A s] that has flowed a time [s] into the step."""
+    """Return the charge [A s] that has flowed from the step's start to a time [s] in it."""
     first, last = line_of(path, step)
     line = time * (first + 0.5 * (last - first) * time / step)
     return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
@@ -65,7 +65,7 @@ def charge_at(path: CurrentPath, time: float, step: float) -> float:
 
 @compilable
 def scaled(path: CurrentPath, factor: float) -> CurrentPath:
-    """Return a current multiplied by a factor."""
+    """Return a current's course multiplied by a factor."""
     return CurrentPath(
         factor * path.start,
         factor * path.end,
@@ -78,7 +78,7 @@ def scaled(path: CurrentPath, factor: float) -> CurrentPath:
 
 @compilable
 def shifted(path: CurrentPath, current: float) -> CurrentPath:
-    """Return a current plus another one [A] that does not change."""
+    """Return a current's course plus a constant current [A]."""
     return CurrentPath(
         path.start + current, path.end + current, path.mean + current, path.amplitude, path.decay, path.switching
     )
@@ -86,7 +86,7 @@ def shifted(path: CurrentPath, current: float) -> CurrentPath:
 
 @compilable
 def part_of(path: CurrentPath, begin: float, end: float, step: float) -> CurrentPath:
-    """Return the current between two times [s] within the step."""
+    """Return the course of a current between two times [s] of the step."""
     first, last = line_of(path, step)
     slope = (last - first) / step
     at_begin = path.amplitude * math.exp(-path.decay * begin)
@@ -105,7 +105,7 @@ def part_of(path: CurrentPath, begin: float, end: float, step: float) -> Current
 
 @compilable
 def effective(path: CurrentPath, step: float) -> float:
-    """Return the current's root mean square [A] over the step.
+    """Return the root mean square [A] of a current over the step.
 
     Of p + q s + D e^(−c s) over s from 0 to 1: p² + p q + q²/3 + 2 D (p φ1 + q (φ1 − φ2)) + D² φ1(−2c).
     """
@@ -128,7 +128,7 @@ def effective(path: CurrentPath, step: float) -> float:
 
 @compilable
 def peak(path: CurrentPath, step: float) -> float:
-    """Return the current [A] that is furthest from zero during the step, with its sign."""
+    """Return a current's value [A] furthest from zero during the step, with its sign."""
     most, least = max(path.start, path.end), min(path.start, path.end)
     if abs(path.amplitude) > _SEEN:
         fall = path.decay * step

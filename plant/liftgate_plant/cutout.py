@@ -38,7 +38,7 @@ class Cutout(NamedTuple):
 
 @compilable
 def resistance_at(cutout: Cutout, temperature: float) -> float:
-    """Return R [Ω] at a temperature [°C]."""
+    """Return the cut-out's resistance R [Ω] at a temperature [°C]."""
     if cutout.resistance == 0.0:
         return 0.0
     above = max(0.0, temperature - cutout.temperature) / cutout.width
@@ -47,14 +47,14 @@ def resistance_at(cutout: Cutout, temperature: float) -> float:
 
 @compilable
 def soon(cutout: Cutout, temperature: float, current: float, ahead: float) -> float:
-    """Return R [Ω] after a short time `ahead` [s] with the present current [A]."""
+    """Return the cut-out's resistance R [Ω] after a short time `ahead` [s] with the present current [A]."""
     now = resistance_at(cutout, temperature)
     return resistance_at(cutout, temperature + ahead * now * current * current / cutout.capacity)
 
 
 @compilable
 def warm(cutout: Cutout, temperature: float, ambient: float, loss: float, step: float) -> float:
-    """Return the temperature [°C] after a step with a mean loss [W]; implicit in the heat flow to ambient."""
+    """Return the cut-out's temperature [°C] after a step with a mean loss [W]; implicit in the heat flow."""
     if cutout.resistance == 0.0:
         return temperature
     stored = cutout.capacity * temperature + step * (loss + ambient / cutout.thermal_resistance)

@@ -15,7 +15,7 @@ from liftgate_plant.gate_step import Midpoint, Motion
 
 
 class MomentumEquation(NamedTuple):
-    """Momentum of one drive over the step: A n1 = R + B ω1 − τ Sgn(n1); it transfers C n1 to the gate."""
+    """Momentum balance of one drive over the step: A n1 = R + B ω1 − τ Sgn(n1); it passes C n1 to the gate."""
 
     speed: float  # A
     constant: float  # R
@@ -25,7 +25,7 @@ class MomentumEquation(NamedTuple):
 
 
 class Extension(NamedTuple):
-    """Extension x_d [m] of a mechanism at a step's start, and its rates [m/s] there and at the end."""
+    """Extension x_d [m] of a mechanism at the step's start, and its rates [m/s] at start and end."""
 
     extension: float
     rate: float
@@ -45,7 +45,7 @@ _DOMINATES = 10.0  # least ratio of the friction that stops a shaft to all other
 
 @compilable
 def stops_within(drive: Drive, state: DriveState, nominal: float, step: float) -> float:
-    """Return the share of a step after which dry friction alone stops a shaft; 1: it does not, or not soon."""
+    """Return the share of a step after which dry friction stops a shaft; 1: not within, or not early in it."""
     momentum = 2.0 * math.pi * drive.inertia * abs(state.speed)
     impulse = nominal * friction.level(drive.friction, state.speed) * step
     if momentum == 0.0 or momentum > _SOON * impulse:
@@ -55,14 +55,14 @@ def stops_within(drive: Drive, state: DriveState, nominal: float, step: float) -
 
 @compilable
 def goes_on(drive: Drive, state: DriveState, nominal: float, step: float) -> bool:
-    """Whether a shaft rests, or even the largest dry friction of its law does not stop it soon."""
+    """Whether a shaft rests, or is not stopped early in the step even by its largest dry friction."""
     most = nominal * drive.friction.coulomb * drive.friction.static_ratio * step
     return 2.0 * math.pi * drive.inertia * abs(state.speed) >= _SOON * most or state.speed == 0.0
 
 
 @compilable
 def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: float) -> Shaft:
-    """Return the shaft, at rest where a large friction, as of a jammed spindle, stops it early in the step.
+    """Return the shaft's state, at rest if a large friction, as of a jammed spindle, stops it early in the step.
 
     It rests where it stops, instead of losing its speed linearly over the whole step. The EMF until then is
     neglected: the winding has forgotten it at the step's end.
@@ -78,7 +78,7 @@ def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: 
 
 @compilable
 def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> tuple[Shaft, Shaft]:
-    """Return both shafts at a step's start, `slowed` where they stop early in it."""
+    """Return both shafts' states at a step's start; those that stop early in the step are at rest."""
     left, right = state.left, state.right
     if goes_on(plant.left, left, frictions.left, step) and goes_on(plant.right, right, frictions.right, step):
         return Shaft(left.speed, left.position), Shaft(right.speed, right.position)
@@ -105,7 +105,7 @@ def with_shaft(state: DriveState, shaft: Shaft) -> DriveState:
 
 @compilable
 def stopping(plant: Plant, state: State, frictions: Frictions, step: float) -> State:
-    """Return the state at a step's start, with shafts that stop early in the step already at rest."""
+    """Return the plant's state at a step's start, with shafts that stop early in the step already at rest."""
     left, right = shafts_at(plant, state, frictions, step)
     return State(
         with_shaft(state.left, left),
@@ -120,7 +120,7 @@ def stopping(plant: Plant, state: State, frictions: Frictions, step: float) -> S
 
 
 class Guess(NamedTuple):
-    """Guessed speeds at the end of a step, from one drive's side."""
+    """Guessed speeds at the end of a step, as needed for one drive's momentum balance."""
 
     speed: float  # rev/s, of the drive
     other: float  # rev/s, of the other drive
@@ -168,7 +168,7 @@ def balance(
 
 @compilable
 def sliding(drive: MomentumEquation, rate: float) -> float:
-    """Return the torque that moves a drive's shaft against its friction; 0: the shaft is held.
+    """Return the torque that moves a drive's shaft beyond its friction; 0: friction holds the shaft.
 
     `rate` is that of the drive's side of the gate.
     """
@@ -192,7 +192,7 @@ def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, 
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """Return the mechanism's mean force on the gate."""
+    """Return the mechanism's mean force on the gate over a step."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     stretch = stretch_in(drive, state, middle, side, guess)
@@ -212,7 +212,7 @@ def drive_push(
 def slip_way(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float, slipping: float, step: float
 ) -> float:
-    """Return how far [m] the drive's clutch slips in a step at whose end the motor has `speed`."""
+    """Return the slip [m] of the drive's clutch in a step at whose end the motor has `speed`."""
     stretch = stretch_in(drive, state, middle, side, speed)
     return clutch.way(
         slipping,
@@ -227,7 +227,7 @@ def slip_way(
 
 @compilable
 def would_slip(drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float) -> float:
-    """Return the force that a slipping clutch passes at these new speeds of motor and gate; 0: it grips."""
+    """Return the force of a slipping clutch at these final speeds of motor and gate; 0: it grips."""
     if drive.clutch_force == 0.0:
         return 0.0
     force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)
@@ -238,7 +238,7 @@ def would_slip(drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoi
 def path_in(
     drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, other: float, step: float
 ) -> CurrentPath:
-    """Return the course of one drive's current over a step of `step` [s]; 0 A for a drive that is not there.
+    """Return the course of one drive's current over a step of `step` [s]; 0 A for an absent drive.
 
     `speed` and `other` are the final speeds [rev/s] of this and the other motor; `coast` is 0 unless it coasts.
     """
@@ -276,7 +276,7 @@ def next_drive(
 def warmed(
     drive: Drive, state: DriveState, path: CurrentPath, ambient: float, step: float
 ) -> tuple[float, float, float]:
-    """Return the temperatures [°C] of winding, housing and cut-out after a step with that current."""
+    """Return the temperatures [°C] of winding, housing and cut-out after a step with a current."""
     if drive.thermal.enabled == 0.0 and drive.cutout.resistance == 0.0:
         return state.winding_temperature, state.housing_temperature, state.cutout_temperature
     current = effective(path, step)

@@ -61,7 +61,7 @@ from liftgate_plant.transmission import Mechanism
 
 
 class Drive(NamedTuple):
-    """Constants of one drive, ready for use (`vehicle.plant_of` derives them from the file's tables)."""
+    """Constants of one drive, derived from the tables of the vehicle file by `vehicle.plant_of`."""
 
     active: float  # 0.0: this gate has no such drive
     motor: Motor
@@ -103,7 +103,7 @@ class Plant(NamedTuple):
 
 
 class DriveState(NamedTuple):
-    """State of one drive.
+    """State of one drive: electrical, mechanical and thermal.
 
     It has the current [A], motor speed [rev/s] and position [rev], temperatures [°C], and the clutch's slip along
     the spindle [m].
@@ -119,7 +119,7 @@ class DriveState(NamedTuple):
 
 
 class State(NamedTuple):
-    """State of the plant.
+    """State of the plant: both drives, gate, latch and twist.
 
     It has the gate's angle [rad] and rate [rad/s], fully latched 1.0 or 0.0, twist ψ [rad] and its rate [rad/s].
     """
@@ -153,7 +153,7 @@ class Load(NamedTuple):
 
 
 class Frictions(NamedTuple):
-    """Friction of both drives during a step, relative to its nominal value."""
+    """Friction of both drives during a step, relative to the nominal one."""
 
     left: float
     right: float
@@ -172,7 +172,7 @@ class Inputs(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Linkage at one of the gate's sides or in its middle: rate ω [rad/s], l_S [m] and r_AP [m] there."""
+    """Linkage at one lateral position of the gate: rate ω [rad/s], l_S [m] and r_AP [m] there."""
 
     rate: float
     extension: float
@@ -180,7 +180,7 @@ class Place(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Linkage in the gate's middle and at both sides; for a rigid gate they are equal."""
+    """Linkage at the gate's middle and both sides; equal for a rigid gate."""
 
     middle: Place
     left: Place
@@ -202,7 +202,7 @@ class Outputs(NamedTuple):
 
 @compilable
 def loaded(load: Load, voltage: float, rise: float, released: float) -> Load:
-    """Return the load with another source, its mean voltage [V] and its rise [V], and another latch release."""
+    """Return the load with another source voltage [V], its rise [V], and another state of the latch release."""
     return Load(
         supply_voltage=voltage,
         supply_rise=rise,
@@ -222,21 +222,21 @@ def loaded(load: Load, voltage: float, rise: float, released: float) -> Load:
 
 @compilable
 def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
-    """Return the inputs with another source: its mean voltage [V] and its rise over the step [V]."""
+    """Return the inputs with another source voltage: its mean [V] and its rise over the step [V]."""
     load = loaded(inputs.load, voltage, rise, inputs.load.latch_released)
     return Inputs(inputs.left, inputs.right, load, inputs.frictions)
 
 
 @compilable
 def at(inputs: Inputs, share: float) -> Inputs:
-    """Return the inputs of a step at a share of it: 0 its start, 1 its end."""
+    """Return the inputs at an instant of a step, given as share: 0 its start, 1 its end."""
     load = inputs.load
     return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
 
 
 @compilable
 def reaching(plant: Plant, drive: Drive, given: DriveInput) -> DriveInput:
-    """Return what of a bridge's state reaches its motor, given the faults of its line and the source's.
+    """Return the input that reaches a motor from its bridge, given faults of its line and of the source.
 
     A bridge that cannot draw from the source drives no current in its mean, and its diodes return none: they would
     charge its capacitor alone. The exchange between both motors through their common supply is neglected.
@@ -251,7 +251,7 @@ def reaching(plant: Plant, drive: Drive, given: DriveInput) -> DriveInput:
 
 @compilable
 def past_the_lines(plant: Plant, inputs: Inputs) -> Inputs:
-    """Return the inputs as they reach both motors."""
+    """Return the inputs that reach both motors, given faults of their lines and of the source."""
     if plant.lines_broken == 0.0:
         return inputs
     return Inputs(
@@ -282,7 +282,7 @@ def place_at(link: Linkage, angle: float, rate: float) -> Place:
 
 @compilable
 def places_of(plant: Plant, state: State) -> Places:
-    """Return the linkage in the gate's middle and at both sides."""
+    """Return the linkage at the gate's middle and at both sides."""
     link, angle, rate = plant.link, state.gate_angle, state.gate_rate
     middle = place_at(link, angle, rate)
     if is_rigid(plant.torsion):
@@ -342,7 +342,7 @@ def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
 
 @compilable
 def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
-    """Return the torque [N m] on the twist from snow and hand."""
+    """Return the torque [N m] of snow and hand that twists the gate."""
     around = plant.environment
     snow = share_at(plant.torsion, around.snow_lateral)
     hand = share_at(plant.torsion, around.hand_lateral)
@@ -385,19 +385,19 @@ def side_torque(drive: Drive, link: Linkage, state: DriveState, place: Place, am
 
 @compilable
 def angle_at(plant: Plant, state: State, lateral: float) -> float:
-    """Return the gate's angle [rad] at a lateral position [m]."""
+    """Return the gate's angle [rad] at a lateral position [m], twist included."""
     return state.gate_angle + share_at(plant.torsion, lateral) * state.twist
 
 
 @compilable
 def rate_at(plant: Plant, state: State, lateral: float) -> float:
-    """Return the gate's rate [rad/s] at a lateral position [m]."""
+    """Return the gate's rate [rad/s] at a lateral position [m], twist included."""
     return state.gate_rate + share_at(plant.torsion, lateral) * state.twist_rate
 
 
 @compilable
 def pinch_of(plant: Plant, state: State, load: Load) -> float:
-    """Return the pinch force F_o [N] at the obstacle's lateral position."""
+    """Return the pinch force F_o [N] at an obstacle's lateral position."""
     y = load.obstacle.lateral
     return obstacle.pinch_force(load.obstacle, angle_at(plant, state, y), rate_at(plant, state, y))
 
@@ -425,20 +425,20 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
 
 @compilable
 def is_chopped(drive: Drive, given: DriveInput) -> bool:
-    """Whether a drive's bridge switches, so that more than the mean of its PWM is modelled."""
+    """Whether a drive's bridge is modelled as switching, instead of by the mean of its PWM."""
     draws = drive.active != 0.0 and given.coast == 0.0
     return draws and drive.pwm_period > 0.0 and 0.0 < abs(given.duty) < 1.0
 
 
 @compilable
 def winding_resistance(drive: Drive, state: DriveState) -> float:
-    """Return R [Ω] at the winding's present temperature."""
+    """Return the winding's resistance R [Ω] at its present temperature."""
     return drive.motor.resistance * thermal.resistance_factor(drive.thermal, state.winding_temperature)
 
 
 @compilable
 def line_resistance(drive: Drive, state: DriveState) -> float:
-    """Return R [Ω] of the motor's whole current path, at present temperatures.
+    """Return the resistance R [Ω] of a motor's whole current path at present temperatures.
 
     It is the sum of winding, cut-out and contacts.
     """
@@ -448,7 +448,7 @@ def line_resistance(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[float, float]:
-    """Return R [Ω] of the winding, and of cut-out and contacts, after a short time `ahead` [s].
+    """Return R [Ω] of winding, and of cut-out and contacts, after a short time `ahead` [s].
 
     A motor that stalls warms up by a tenth of a kelvin in a millisecond.
     """
@@ -467,19 +467,19 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
-    """Return the motor's back-EMF constant c2Φ [V/rps] at the housing's present temperature."""
+    """Return the motor's back-EMF constant c2Φ [V/rps] at the present temperature of its housing."""
     return drive.motor.speed_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 
 @compilable
 def torque_constant(drive: Drive, state: DriveState) -> float:
-    """Return c1Φ [N m/A] at the housing's present temperature."""
+    """Return the motor's torque constant c1Φ [N m/A] at the housing's present temperature."""
     return drive.motor.torque_constant * thermal.flux_factor(drive.thermal, state.housing_temperature)
 
 
 @compilable
 def shaft_mobility(drive: Drive) -> float:
-    """Return the speed along the spindle per impulse of a force on it [m/s per N s].
+    """Return the speed along the spindle per impulse of an axial force on it [m/s per N s].
 
     It is κ ρ/(2π J_d), with the travel ρ [m/rev], the torque per force κ = ρ/2π [m] and the inertia J_d [kg m²].
     """
@@ -488,7 +488,7 @@ def shaft_mobility(drive: Drive) -> float:
 
 @compilable
 def chopper_of(drive: Drive, resistance: float) -> Chopper:
-    """Return a drive's switching bridge with its winding of that resistance [Ω]."""
+    """Return a drive's switching bridge with a winding of that resistance [Ω]."""
     return Chopper(drive.freewheeling, drive.pwm_period, drive.diode_drop, resistance, drive.motor.inductance)
 
 
@@ -562,9 +562,9 @@ def time_on_source(drive: Drive, duty: float) -> float:
 
 @compilable
 def courses_of(plant: Plant, state: State, inputs: Inputs) -> tuple[Course, Course]:
-    """Return both currents' periodic waveforms for constant speeds and source.
+    """Return both motors' periodic current waveforms at constant speeds and source voltage.
 
-    They are NO_COURSE where no bridge switches.
+    The result is NO_COURSE where no bridge switches.
     """
     if not (is_chopped(plant.left, inputs.left) or is_chopped(plant.right, inputs.right)):
         return NO_COURSE, NO_COURSE

@@ -24,7 +24,7 @@ RING_SIZE = 4 * MOST_EDGES  # size of a ring that loses no edges: twice what a t
 
 
 class EdgeRing(NamedTuple):
-    """Ring buffer of both drives' last edges; written in place."""
+    """Ring buffer of the last Hall edges of both drives; written in place."""
 
     rows: Any  # (n,) EDGE
     written: NDArray[np.int64]  # (1,), number of edges so far
@@ -32,7 +32,7 @@ class EdgeRing(NamedTuple):
 
 @compilable
 def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int) -> None:
-    """Write an edge into the ring buffer."""
+    """Write a Hall edge into the ring buffer."""
     row = ring.rows[ring.written[0] % len(ring.rows)]
     row.time_s = time
     row.drive = drive
@@ -42,7 +42,7 @@ def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int
 
 
 def edge_ring(size: int) -> EdgeRing:
-    """Return an empty ring buffer for the last `size` edges."""
+    """Return an empty ring buffer with room for the last `size` edges."""
     return EdgeRing(np.zeros(size, dtype=EDGE).view(np.recarray), np.zeros(1, dtype=np.int64))
 
 

@@ -41,7 +41,7 @@ from liftgate_plant.switching import courses, drawn_share
 
 
 class Electric(NamedTuple):
-    """Electrical side of one drive during a step."""
+    """Electrical model of one drive during a step, in which its current depends on the final speeds."""
 
     response: Response
     transient: Transient
@@ -51,9 +51,9 @@ class Electric(NamedTuple):
 
 
 class Around(NamedTuple):
-    """Voltages [V] around a coasting motor during a step.
+    """Voltages [V] that act on a coasting motor during a step.
 
-    These are the drop of its terminal voltage by the other motor at the start, the rise of that drop over the
+    They are the drop of its terminal voltage by the other motor at the start, the rise of that drop over the
     step, and the rise of its own back-EMF without a current.
     """
 
@@ -70,7 +70,7 @@ NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def resistance_soon(drive: Drive, state: DriveState, step: float) -> float:
-    """Return R [Ω] of the motor's whole current path, at its temperatures in the middle of the step."""
+    """Return the resistance R [Ω] of a motor's whole current path in the middle of the step."""
     by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
     return by_winding + by_fuse
 
@@ -115,7 +115,7 @@ def winding_of(
 
 @compilable
 def emf_rise(drive: Drive, state: DriveState, place: Place, friction: float, current: float, step: float) -> float:
-    """Return the rise [V] of a motor's back-EMF over a step with a given current, by the forces at its start.
+    """Return the rise [V] of a motor's back-EMF over a step with a given current and the forces at its start.
 
     Returns 0 where these forces do not last for a step, as with a very stiff mechanism.
     """
@@ -146,9 +146,9 @@ def drop_beside(
     now: Course,
     step: float,
 ) -> tuple[float, float]:
-    """Return how much [V] one motor's current lowers the other's terminal voltage, and the rise of that drop.
+    """Return the drop [V] of one motor's terminal voltage due to the other's current, and the drop's rise.
 
-    `source` is its voltage [V] and resistance [Ω].
+    `source` has the source's voltage [V] and resistance [Ω].
     The drop holds once its winding has followed a switch of its bridge; the rise over the step is due to the motor
     turning faster.
     """
@@ -172,7 +172,7 @@ def drop_beside(
 def around(
     plant: Plant, state: State, inputs: Inputs, source: float, now_l: Course, now_r: Course, step: float
 ) -> tuple[Around, Around]:
-    """Return the voltages around the left and the right motor; all are 0 if neither of them coasts."""
+    """Return the voltages that act on the left and right motor if coasting; all 0 if neither coasts."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
         return ALONE, ALONE
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
@@ -190,7 +190,7 @@ def around(
 
 @compilable
 def directly_on(drive_input: DriveInput) -> Switching:
-    """Return the switching of a bridge taken as its PWM's mean, or of a voltage applied without a bridge.
+    """Return the model of a bridge without switching: its PWM's mean, or a directly applied voltage.
 
     A measurement while the PWM is on sees the motor's whole current. The result is NO_SWITCHING if nothing is
     applied.
@@ -215,7 +215,7 @@ def coasting_share(coast: Coasting) -> float:
 
 @compilable
 def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
-    """Return what a switching bridge adds to the mean of its motor's current."""
+    """Return the effect of a bridge's switching on its motor's current, beyond the mean."""
     along = math.copysign(1.0, duty)
     above, below = now.high - now.mean, now.low - now.mean
     if along < 0.0:
@@ -227,10 +227,10 @@ def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
 
 @compilable
 def on_source(drive: Drive, drive_input: DriveInput) -> float:
-    """Return the factor with which a motor's current flows through the source's resistance.
+    """Return the factor by which a motor's current flows through the source's resistance.
 
     The resistance acts on the motor with the factor's square. For a bridge that switches, and so draws for a part
-    of the period, the square is that share.
+    of the period, the square is the share of the period.
     """
     if not is_chopped(drive, drive_input):
         return drive_input.duty
@@ -242,7 +242,7 @@ def on_source(drive: Drive, drive_input: DriveInput) -> float:
 def followed(
     drive: Drive, winding: Winding, drive_input: DriveInput, speed: float, now: Course, load: Load, sag: float
 ) -> Winding:
-    """Return a winding whose current tends to its periodic waveform instead of what a mean voltage drives.
+    """Return a winding whose current tends to its periodic PWM waveform, not to a mean voltage's current.
 
     It holds from the speed [rev/s] at the step's start on; `sag` [V] is what its equation takes off the source
     with both currents on their waveforms.
@@ -261,7 +261,7 @@ def followed(
 
 @compilable
 def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> float:
-    """Return the sag [V] of the source in both windings' equations.
+    """Return the voltage drop [V] at the source's resistance that enters both windings' equations.
 
     Both currents are taken on their periodic waveforms.
     """
@@ -272,7 +272,7 @@ def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> fl
 
 @compilable
 def along_duty(drive_input: DriveInput, now: Course) -> float:
-    """Return the signed mean current [A] of a periodic waveform; 0 for a bridge that is not on the source."""
+    """Return a motor's signed mean current [A] by its periodic waveform; 0 for a bridge not on the source."""
     if drive_input.duty == 0.0 or drive_input.coast != 0.0:
         return 0.0
     return math.copysign(1.0, drive_input.duty) * now.mean
@@ -302,7 +302,7 @@ def electric_of(
     phi: Phi,
     step: float,
 ) -> Electric:
-    """Return one drive's side of the solved windings, its own `line` as by `winding_of`.
+    """Return one drive's electrical model from the solved windings; `line` is its own, by `winding_of`.
 
     A coasting motor whose current ends is treated as switched off until its back-EMF drives a current the other
     way.
@@ -333,7 +333,7 @@ def electric_of(
 
 @compilable
 def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[Electric, Electric]:
-    """Return both drives' electrical sides during a step of `step` seconds."""
+    """Return both drives' electrical models during a step of `step` seconds."""
     load = inputs.load
     rise = load.supply_rise
     source = load.supply_voltage - 0.5 * rise
@@ -383,7 +383,7 @@ def electrics_of(plant: Plant, state: State, inputs: Inputs, step: float) -> tup
 
 @compilable
 def path_of(electric: Electric, begin: float, end: float, own: float, other: float, step: float) -> CurrentPath:
-    """Return the course of a current from `begin` to `end` [A] over a step, for the final speeds [rev/s]."""
+    """Return the course of a motor's current from `begin` to `end` [A] over a step, for final speeds [rev/s]."""
     mean = mean_current(electric.response, own, other)
     amplitude, decay = electric.transient.amplitude, electric.transient.decay
     if amplitude == 0.0 and (begin - end) * (mean - end) > 0.0:
@@ -395,6 +395,6 @@ def path_of(electric: Electric, begin: float, end: float, own: float, other: flo
 
 @compilable
 def final_current(electric: Electric, coast: float, own: float, other: float) -> float:
-    """Return the current [A] at the end of the step; the diodes of a coasting motor block reverse current."""
+    """Return a motor's current [A] at the end of the step; a coasting motor's diodes block reverse current."""
     current = end_current(electric.response, own, other)
     return current if coast == 0.0 else bridge.blocked(current, -electric.diodes)

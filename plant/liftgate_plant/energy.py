@@ -45,7 +45,7 @@ class DriveMotion(NamedTuple):
 
 
 class SampledMotion(NamedTuple):
-    """Motion of the gate and its drives at n instants: angle [rad] and rate [rad/s], (n,)."""
+    """Motion of the gate and its drives at n instants: arrays (n,) of angle [rad] and rate [rad/s]."""
 
     angle: Floats
     rate: Floats
@@ -54,7 +54,7 @@ class SampledMotion(NamedTuple):
 
 
 def potential(plant: Plant, load: Load) -> Potential:
-    """Return V over the travel and a little beyond, at the load's slope, snow and temperature.
+    """Return the potential energy V over the travel and a little beyond, for a load's slope, snow, temperature.
 
     It is integrated by the trapezoidal rule, without hand force, wind and external torque.
     """
@@ -76,7 +76,7 @@ def potential(plant: Plant, load: Load) -> Potential:
 
 
 def energy(plant: Plant, load: Load, over: Potential, motion: SampledMotion) -> Floats:
-    """Return the total energy E [J], (n,)."""
+    """Return the total energy E [J] of gate and drives at n instants, (n,)."""
     extended = np.interp(motion.angle, over.angles, over.extensions)
     total: Floats = 0.5 * dynamics.total_inertia(plant, load) * motion.rate**2
     total = total + np.interp(motion.angle, over.angles, over.values)

@@ -37,7 +37,7 @@ class Environment(NamedTuple):
 
 @compilable
 def steady_torque(environment: Environment, wind_pressure: float, hand_force: float, measured: float) -> float:
-    """Return the torque [N m] on the gate that does not depend on its angle; positive opens."""
+    """Return the external torque [N m] on the gate that does not depend on its angle; positive opens."""
     return (
         wind_pressure * environment.wind_area * environment.wind_lever
         + hand_force * environment.hand_distance
@@ -47,7 +47,7 @@ def steady_torque(environment: Environment, wind_pressure: float, hand_force: fl
 
 @compilable
 def snow_torque(environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float) -> float:
-    """Return the closing torque [N m] of the snow's weight.
+    """Return the closing torque [N m] of the snow's weight on the gate.
 
     The snow lies on the line from hinge to GP.
     """
@@ -57,5 +57,5 @@ def snow_torque(environment: Environment, snow_mass: float, link: Linkage, angle
 
 @compilable
 def snow_inertia(environment: Environment, snow_mass: float) -> float:
-    """Return what the snow adds to J_L [kg m²]."""
+    """Return the snow's contribution to J_L [kg m²]."""
     return snow_mass * environment.snow_distance * environment.snow_distance

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class HallFault(NamedTuple):
-    """Faults of one drive's Hall sensors; levels 0 or 1, NaN: as the shaft sets them."""
+    """Faults of one drive's Hall sensors: fixed levels 0 or 1 (NaN: not fixed), and others."""
 
     is_on: float  # 0.0: no Hall fault is active
     level_a: float
@@ -44,7 +44,7 @@ class DriveFaults(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """All faults of one gate."""
+    """All faults of one gate's bridges, sensors and latch."""
 
     inputs: float  # 0.0: bridges and latch follow their commands
     left: DriveFaults

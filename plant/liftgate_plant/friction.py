@@ -25,7 +25,7 @@ class DryFriction(NamedTuple):
 
 @compilable
 def level(law: DryFriction, speed: float) -> float:
-    """Return the dry part's magnitude [N m] at a speed: the static level at rest, falling to Coulomb's."""
+    """Return the dry friction's magnitude [N m] at a speed: static at rest, falling towards Coulomb's."""
     if speed == 0.0:
         return law.coulomb * law.static_ratio
     if law.static_ratio == 1.0 or law.stribeck_speed == 0.0:
@@ -47,20 +47,20 @@ def soft_threshold(drive: float, limit: float) -> float:
 
 @compilable
 def turns(limit: float, start: float, end: float) -> bool:
-    """Whether a body of momentum `start` that would have `end` without friction stops and turns back."""
+    """Whether a body with momentum `start`, and `end` without friction, stops and turns back in the step."""
     return (start - end) * math.copysign(1.0, start) > max(limit, abs(start) - limit)
 
 
 @compilable
 def turning_bias(limit: float, start: float, end: float) -> float:
-    """Return the mean dry torque of a step in which the speed passes zero."""
+    """Return the mean dry friction torque of a step in which the speed passes zero."""
     before = abs(start) / (abs(start - end) + limit)
     return math.copysign(limit, start) * (2.0 * before - 1.0)
 
 
 @compilable
 def turned(limit: float, start: float, end: float) -> tuple[float, float]:
-    """Return (mean dry torque of a body that turns back in the step, else 0; what its friction may still be)."""
+    """Return (mean dry torque if a body turns back in the step, else 0; limit of its remaining dry friction)."""
     if turns(limit, start, end):
         return turning_bias(limit, start, end), 0.0
     return 0.0, limit
@@ -68,7 +68,7 @@ def turned(limit: float, start: float, end: float) -> tuple[float, float]:
 
 @compilable
 def breakaway(limit: float, start: float, final: float, decay: float, step: float) -> float:
-    """Return the mean dry torque [N m] of a step in which a resting shaft breaks loose.
+    """Return the mean dry friction torque [N m] of a step in which a resting shaft breaks loose.
 
     The driving torque goes from `start` to `final` (both along the motion) with the winding's `decay` [1/s]; until
     it exceeds `limit`, friction is only what it takes to hold the shaft.

@@ -34,7 +34,7 @@ _KNOTS = 4  # random numbers per correlation length
 
 
 class FrictionProfile(NamedTuple):
-    """Friction of both drives relative to its nominal, at equidistant points of the travel."""
+    """Friction of both drives relative to nominal, at equidistant points of the travel."""
 
     start: float  # m, travel at the first point
     spacing: float  # m
@@ -43,7 +43,7 @@ class FrictionProfile(NamedTuple):
 
 @compilable
 def factor_at(profile: FrictionProfile, drive: int, place: float) -> float:
-    """Return the friction relative to its nominal at a travel [m], linearly interpolated."""
+    """Return the friction relative to nominal at a travel [m], linearly interpolated."""
     top = profile.factor.shape[1] - 1
     along = (place - profile.start) / profile.spacing
     if not along > 0.0:  # NaN included
@@ -57,7 +57,7 @@ def factor_at(profile: FrictionProfile, drive: int, place: float) -> float:
 
 @compilable
 def frictions_in(profile: FrictionProfile, plant: Plant, state: State, step: float) -> Frictions:
-    """Return the friction of both drives during a step, looked up at their position in its middle."""
+    """Return the relative friction of both drives during a step, at their position in its middle."""
     return Frictions(
         factor_at(profile, 0, plant.left.travel * _middle(state.left, step)),
         factor_at(profile, 1, plant.right.travel * _middle(state.right, step)),
@@ -76,7 +76,7 @@ def places_of(vehicle: Vehicle, travel: float) -> int:
 
 
 def is_the_law(vehicle: Vehicle) -> bool:
-    """Whether friction follows the nominal law everywhere, in every run and at every age."""
+    """Whether friction is nominal everywhere on the travel, in every run and at every age."""
     laws = (vehicle.left.friction, vehicle.right.friction)
     return all(
         not each.position_table
@@ -87,7 +87,7 @@ def is_the_law(vehicle: Vehicle) -> bool:
 
 
 def friction_profile(vehicle: Vehicle, plant: Plant, seed: int) -> FrictionProfile:
-    """Return the profiles of both drives in the run with that seed. Pure."""
+    """Return both drives' friction profiles in the run with that seed. Pure."""
     stroke = plant.link.stroke
     count = places_of(vehicle, stroke)
     start, end = -_BEYOND * stroke, (1.0 + _BEYOND) * stroke
@@ -102,7 +102,7 @@ def friction_profile(vehicle: Vehicle, plant: Plant, seed: int) -> FrictionProfi
 
 
 def _spacing(tables: DriveTables, travel: float) -> float:
-    """Return the spacing [m] of points that a drive's profile needs; infinite: it is the same everywhere."""
+    """Return the spacing [m] of points that a drive's profile needs; infinite: the profile is constant."""
     own, least = tables.friction, math.inf
     if own.position_table:
         least = travel / _COARSE
@@ -114,7 +114,7 @@ def _spacing(tables: DriveTables, travel: float) -> float:
 
 
 def _life(own: Friction) -> float:
-    """Return the friction factor due to the cycles that the drive has done."""
+    """Return the friction factor due to the cycles that the drive has done: run-in and wear."""
     return 1.0 + own.run_in * math.exp(-own.cycles / own.run_in_cycles) + own.wear * own.cycles / 1000
 
 
@@ -135,7 +135,7 @@ def _over_travel(
 
 
 def _random(places: NDArray[np.float64], number: int, drive: int) -> NDArray[np.float64]:
-    """Return a normal random profile of unit variance, at places in correlation lengths.
+    """Return a normal random profile of unit variance, at `places` given in correlation lengths.
 
     It is the same whichever places are requested: random numbers at equal distances are filtered with a Gaussian
     kernel e^(−2 d²), so that the result has the autocorrelation e^(−d²).

@@ -15,7 +15,7 @@ from liftgate_plant.torsion import Torsion
 
 
 class Midpoint(NamedTuple):
-    """Path of the gate at one of its sides or in its middle.
+    """Linkage in the middle of a step, at one of the gate's sides or in its middle.
 
     Holds lever [m] and extension l_S [m] at half the step, and the extension at its start.
     """
@@ -26,7 +26,7 @@ class Midpoint(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Motion of the gate at one of its sides or at a contact.
+    """Motion of the gate during a step, at one of its sides or at a contact.
 
     Holds angle [rad] and rate [rad/s] at the start, the rate at the end, and the effective inertia [kg m²] there.
     """
@@ -39,20 +39,20 @@ class Motion(NamedTuple):
 
 @compilable
 def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
-    """Return the position at half of a step [s] from `start`, with a linearly changing rate."""
+    """Return the position at half of a step [s] from `start`, for a linearly changing rate."""
     return start + 0.125 * step * (3.0 * rate + rate_end)
 
 
 @compilable
 def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
-    """Return lever and extensions along the path."""
+    """Return the linkage in the middle of a step, for a motion of the gate."""
     middle = halfway(motion.angle, motion.rate, motion.rate_end, step)
     return Midpoint(gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle))
 
 
 @compilable
 def at_side(own: Motion, state: State, twist_rate_end: float, torsion: Torsion, share: float) -> Motion:
-    """Return the gate's motion at the lateral position y, `share` = y/w.
+    """Return the gate's motion at the lateral position y, given as `share` = y/w.
 
     The twist reduces the effective inertia there. The twist's rate [rad/s] at the end is a guess.
     """
@@ -68,7 +68,7 @@ def at_side(own: Motion, state: State, twist_rate_end: float, torsion: Torsion, 
 def gate_contact(
     stiffness: float, damping: float, depth: float, lever: float, arm: float, motion: Motion, step: float
 ) -> LinearizedForce:
-    """Return the mean torque of a contact on the gate, linear in ω1.
+    """Return a contact's mean torque on the gate over a step, linear in the gate's final rate ω1.
 
     The contact's depth shrinks by lever · ω, and its force acts at `arm`.
     """
@@ -99,7 +99,7 @@ def stop_contacts(drive: Drive, middle: Midpoint, stroke: float, side: Motion, s
 def home_contacts(
     plant: Plant, state: State, middle: Midpoint, own: Motion, cinched: float, step: float
 ) -> LinearizedForce:
-    """Return the mean torque of the contacts at the closed gate: seal, and the latch's claw and hook.
+    """Return the mean torque of the contacts at the closed gate: seal, latch's claw and hook.
 
     A cinching motor may draw the hook home.
     """
@@ -120,7 +120,7 @@ def home_contacts(
 
 @compilable
 def hook_contact(claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float) -> LinearizedForce:
-    """Return the mean torque of the latch's hook.
+    """Return the mean torque of the latch's hook on the gate over a step.
 
     While the cinching motor pulls, neither stalled nor without load, motor and hook are one body that yields;
     otherwise the hook moves with the motor's mean speed.

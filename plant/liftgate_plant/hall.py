@@ -31,7 +31,7 @@ _JITTER, _PITCH, _MISSING, _EXTRA = 8, 10, 16, 18  # channels of the noise, plus
 
 
 class Encoder(NamedTuple):
-    """A magnet wheel with its two sensors; lengths in steps, of which an electrical turn has four."""
+    """A magnet wheel with two Hall sensors; lengths in steps, four to an electrical turn."""
 
     counts: float  # steps per motor revolution
     pitch: float  # σ of the boundary between two poles
@@ -51,7 +51,7 @@ class MotorShaft(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """Time of a reading: begin [s] and length [s] of the tick, and the seed of its random errors."""
+    """Time of a reading: begin [s] and length [s] of the tick, and the seed of random errors."""
 
     begin: float
     length: float
@@ -87,7 +87,7 @@ HALL = np.dtype(
 
 
 class Leg(NamedTuple):
-    """Part of a tick in which the shaft turns one way; positions in steps, times in s since the tick's begin."""
+    """Part of a tick in which the shaft turns in one direction; positions in steps, times in s in the tick."""
 
     start: float
     end: float
@@ -105,7 +105,7 @@ class Path(NamedTuple):
 
 @compilable
 def ideal_count(counts: float, position: float) -> int:
-    """Return a perfect encoder's count at a motor position [rev].
+    """Return the count of a perfect encoder at a motor position [rev].
 
     Its edges lie half a count beside whole positions.
     """
@@ -121,7 +121,7 @@ def hall_levels(step: int) -> tuple[int, int]:
 
 @compilable
 def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
-    """Return what a quadrature decoder counts for a change of levels: 1, −1, or 0 for none or both at once."""
+    """Return the count of a quadrature decoder for a change of levels: 1, −1, or 0 for none or both."""
     phase_before = 2 * before_b + (before_a ^ before_b)
     phase = 2 * b + (a ^ b)
     way = (phase - phase_before) % 4
@@ -132,7 +132,7 @@ def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
 
 @compilable
 def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, edges: int) -> float:
-    """Return how far [steps] the edge between step `edge` and the next lies from its nominal place.
+    """Return the displacement [steps] of the edge between `edge` and the next step from its nominal place.
 
     `way` is the direction in which the shaft turns (1 opens, −1 closes).
     """
@@ -153,14 +153,14 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
 
 
 def farthest(encoder: Encoder) -> float:
-    """Return how far [steps] an edge may lie from its nominal place, with random parts taken at 3 σ."""
+    """Return the largest displacement [steps] of any edge, with random parts taken at 3 σ."""
     fixed = abs(encoder.phase) + 0.5 * abs(encoder.high) + 0.5 * encoder.hysteresis
     return fixed + 3.0 * math.hypot(encoder.pitch, encoder.jitter)
 
 
 @compilable
 def capture(hall: Any, counts: float, way: int, time: float) -> None:
-    """Capture an edge at `time` [s] in the timer of a HALL row; `counts` edges make a revolution.
+    """Process an edge at `time` [s] in the capture timer of a HALL row; `counts` edges make a revolution.
 
     A period is reported once five edges came in one direction.
     """
@@ -176,7 +176,7 @@ def capture(hall: Any, counts: float, way: int, time: float) -> None:
 
 @compilable
 def period_speed(hall: Any, now: float) -> float:
-    """Return the shaft's speed [rev/s] by the last full electrical turn.
+    """Return the shaft's speed [rev/s] by the duration of the last full electrical turn.
 
     If at `now` [s] more time than that turn took has passed since the last edge, this time replaces the turn's.
     """
@@ -195,7 +195,7 @@ def note_edge(ring: EdgeRing, time: float, drive: int, edge: int, way: int) -> N
 
 @compilable
 def wire_levels(fault: HallFault, step: int) -> tuple[int, int]:
-    """Return the levels on the wires of A and B at a step of the shaft, under the fault."""
+    """Return the levels on the wires of sensors A and B at a step of the shaft, under a fault."""
     a, b = hall_levels(step)
     if not np.isnan(fault.level_a):
         a = int(fault.level_a)
@@ -206,7 +206,7 @@ def wire_levels(fault: HallFault, step: int) -> tuple[int, int]:
 
 @compilable
 def wiring_of(fault: HallFault) -> int:
-    """Return a number for the part of a fault that changes the levels on the wires; 0: none."""
+    """Return a code number for the wire levels' part of a fault (stuck, swapped); 0: no such fault."""
     wiring = 0 if np.isnan(fault.level_a) else 1 + int(fault.level_a)
     wiring += 0 if np.isnan(fault.level_b) else 3 + 3 * int(fault.level_b)
     return wiring + (9 if fault.swapped != 0.0 else 0)
@@ -214,7 +214,7 @@ def wiring_of(fault: HallFault) -> int:
 
 @outlined
 def see(hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing) -> None:
-    """Process an edge on a wire at `time` [s], after which the levels are `a` and `b`, in decoder and timer.
+    """Process an edge on a sensor's wire at `time` [s], with new levels `a` and `b`, in decoder and timer.
 
     Where both levels have changed since the last edge, the decoder counts none.
     """
@@ -232,7 +232,7 @@ def see(hall: Any, counts: float, channel: int, a: int, b: int, time: float, dri
 
 @outlined
 def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing) -> None:
-    """Generate spurious edges, whose mean rate is that of the fault."""
+    """Generate spurious edges at the mean rate of the fault."""
     count = fault.extra * tick.length
     drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive)
     edges = int(count + drawn)
@@ -251,7 +251,7 @@ def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: i
 
 @compilable
 def path_of(encoder: Encoder, before: MotorShaft, now: MotorShaft, length: float) -> Path:
-    """Return a shaft's motion, in encoder steps, from its state before and after a time `length` [s].
+    """Return a shaft's motion, in encoder steps, fitted to its states before and after a time `length` [s].
 
     It fits both positions and the change of speed. The speed is taken as constant where the fit would turn back
     although both speeds have the same direction, such as for a shaft that stops early in the tick.
@@ -268,7 +268,7 @@ def path_of(encoder: Encoder, before: MotorShaft, now: MotorShaft, length: float
 
 @compilable
 def crossing(path: Path, leg: Leg, place: float) -> float:
-    """Return when [s since the tick's begin] the shaft passes a place within a leg."""
+    """Return the time [s since the tick's begin] at which the shaft passes an edge within a leg."""
     way = place - path.start
     root = math.sqrt(max(0.0, path.speed * path.speed + 2.0 * path.acceleration * way))
     final = root if leg.end > leg.start else -root
@@ -285,7 +285,7 @@ def crossing(path: Path, leg: Leg, place: float) -> float:
 def along(
     encoder: Encoder, fault: HallFault, hall: Any, path: Path, leg: Leg, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
-    """Advance the Hall sensors to the end of a leg; decoder and timer process its edges one after the other."""
+    """Advance the Hall sensors to the end of a leg, with its edges processed one after the other."""
     way = 1 if leg.end > leg.start else -1
     while True:
         edge = int(hall.step) if way > 0 else int(hall.step) - 1
@@ -314,7 +314,7 @@ def along(
 def move(
     encoder: Encoder, fault: HallFault, hall: Any, now: MotorShaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
-    """Advance the Hall sensors along the shaft's motion over a tick, which may reverse once."""
+    """Advance the Hall sensors along the shaft's motion over a tick, in which it may reverse once."""
     end = now.position * encoder.counts + 0.5
     if encoder.is_ideal and hall.step <= end < hall.step + 1.0 and hall.motor_speed * now.speed >= 0.0:
         return
@@ -345,7 +345,7 @@ def move(
 def read_hall(
     encoder: Encoder, fault: HallFault, halls: Any, now: MotorShaft, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
-    """Advance the Hall sensors of one drive, out of (2,) HALL, to the end of a tick.
+    """Advance one drive's Hall sensors, a row of (2,) HALL, to the end of a tick.
 
     At the end of a sample period the speed is the number of counts during it.
     """
@@ -368,7 +368,7 @@ def read_hall(
 
 
 def initial_halls(encoder: Encoder, left: MotorShaft, right: MotorShaft) -> Any:
-    """Return the initial Hall sensors (2,) HALL, with the counts that match the shafts' positions.
+    """Return the initial state (2,) HALL of the Hall sensors, with counts that match the shafts.
 
     A count is that of a decoder that was 0 at position 0.
     """
@@ -382,7 +382,7 @@ def initial_halls(encoder: Encoder, left: MotorShaft, right: MotorShaft) -> Any:
 
 
 def _first_step(encoder: Encoder, position: float, drive: int) -> int:
-    """Return an encoder's step at a shaft's `position` [rev], with the edges where the encoder has them.
+    """Return the encoder's step at a shaft's `position` [rev], by the displaced edges.
 
     Where the edges of both directions differ, the last motion is assumed to have been in opening direction. Jitter
     is left out, as it belongs to edges still to come.

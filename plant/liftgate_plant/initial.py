@@ -30,7 +30,7 @@ def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> Sta
 
 
 def closed_state(plant: Plant, load: Load) -> State:
-    """Return the fully latched state at rest.
+    """Return the state at rest of a closed and fully latched gate.
 
     It is at φ = 0, or, for a latch with positions, where seal, weight and hook are in balance.
     """

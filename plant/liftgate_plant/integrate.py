@@ -66,14 +66,14 @@ class Speeds(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """Course of both motor currents during a step."""
+    """Course of both motors' currents during a step."""
 
     left: CurrentPath
     right: CurrentPath
 
 
 class GateMomentum(NamedTuple):
-    """Momentum balance of the gate over the step in ω1 and ψ̇1, without the drives' new speeds.
+    """Momentum balance of the gate over the step for ω1 and ψ̇1, without the drives' new speeds.
 
     rate ω1 + cross ψ̇1 = constant − τ_h Sgn(ω1),    cross ω1 + twist ψ̇1 = twist_constant;    twist 0: rigid
     """
@@ -94,7 +94,7 @@ def solve_speeds(
     held: bool,
     guess: Speeds,
 ) -> Speeds:
-    """Return the new speeds under set-valued friction.
+    """Return the new speeds of drives, gate and twist under set-valued friction.
 
     Eliminating the drives and the twist leaves one monotone, piecewise linear equation in ω1; the set of sliding
     drives is updated until it no longer changes. A drive that would slide the other way is tried at rest first,
@@ -142,7 +142,7 @@ def solve_speeds(
 def sides_of(
     plant: Plant, state: State, own: Motion, twist_rate: float, step: float
 ) -> tuple[Motion, Motion, Midpoint, Midpoint]:
-    """Return the motion of the gate's left and right side, and their midpoints, for a final rate of the twist."""
+    """Return motion and midpoint of the gate's left and right side, for a final rate of the twist."""
     if is_rigid(plant.torsion):
         middle = middle_of(plant.link, own, step)
         return own, own, middle, middle
@@ -152,7 +152,7 @@ def sides_of(
 
 
 class TwistBalance(NamedTuple):
-    """Momentum balance of the gate's twist: `own` on the new rate of the twist, `cross` on that of the gate."""
+    """Momentum balance of the gate's twist, with coefficients `own` of its new rate and `cross` of the gate's."""
 
     cross: float
     own: float
@@ -170,7 +170,7 @@ def twist_mode(
     twisting: float,
     step: float,
 ) -> TwistBalance:
-    """Return the momentum balance of the twist under the torques of both sides and of an obstacle at y = share w.
+    """Return the twist's momentum balance under the torques of both sides and of an obstacle at y = share w.
 
     `twisting` [N m] is the torque of hand and snow.
     """
@@ -250,7 +250,7 @@ def new_speeds(
 def slipped_in(
     plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
 ) -> tuple[float, float]:
-    """Return the slip distances [m] of the left and right clutches in a step that ends at the speeds `new`."""
+    """Return the slip [m] of the left and right clutch in a step that ends at the speeds `new`."""
     if slips.left == 0.0 and slips.right == 0.0:
         return 0.0, 0.0
     inertia = dynamics.total_inertia(plant, load)
@@ -272,7 +272,7 @@ def next_drives(
     slips: Slips,
     step: float,
 ) -> tuple[DriveState, DriveState, Flow]:
-    """Return both drives' states at the end of a step with these new speeds, and the currents' course in it."""
+    """Return both drives' states at the end of a step with new speeds, and the course of both currents in it."""
     electric_l, electric_r = windings
     ambient = inputs.load.ambient_temperature
     slipped_l, slipped_r = slipped_in(plant, state, inputs.load, new, slips, step)
@@ -285,7 +285,7 @@ def next_drives(
 
 @compilable
 def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[State, Flow]:
-    """Return the state `step` seconds later, and both currents' course; the inputs hold during the step."""
+    """Return the plant's state `step` seconds later, and both currents' course, for constant inputs."""
     inputs = dynamics.past_the_lines(plant, given)
     load = inputs.load
     frictions = dynamics.frictions_at(plant, inputs)
@@ -338,12 +338,12 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
 
 @compilable
 def step(plant: Plant, state: State, inputs: Inputs, step: float) -> State:
-    """Return the state `step` seconds later; the inputs hold during the step."""
+    """Return the plant's state `step` seconds later, for constant inputs."""
     after, _ = advance(plant, state, inputs, step)
     return after
 
 
 @compilable
 def resting(state: State) -> Flow:
-    """Return the flow before the first step: both currents are constant."""
+    """Return the currents' course before the first step: both are constant."""
     return Flow(held(state.left.current), held(state.right.current))

@@ -72,7 +72,7 @@ class Latch(NamedTuple):
 
 
 class Claw(NamedTuple):
-    """Constants of a latch, ready for use."""
+    """Constants of a latch, derived from its table by `claw_of`."""
 
     half: float  # m; 0: a latch without positions
     full: float
@@ -89,7 +89,7 @@ class Claw(NamedTuple):
 
 
 class LatchState(NamedTuple):
-    """State of a latch with positions."""
+    """State of a latch with positions: claw, pull of the cinching motor, release timers."""
 
     claw: float  # OPEN, HALF, FULL
     pull: float  # m, p, travel of the cinching motor from its home
@@ -101,7 +101,7 @@ NOT_LATCHED = LatchState(OPEN, 0.0, 0.0, 0.0)
 
 
 def claw_of(latch: Latch) -> Claw:
-    """Return the constants that follow from the table."""
+    """Return the constants derived from the table `[latch]`."""
     return Claw(
         half=latch.half,
         full=latch.full,
@@ -123,31 +123,31 @@ def claw_of(latch: Latch) -> Claw:
 
 @compilable
 def takes_up(angle: float, released: float) -> bool:
-    """Whether the latch catches a gate at this angle [rad]; `released` is 1.0 while it is driven open."""
+    """Whether a latch catches a gate at this angle [rad]; `released` is 1.0 while the latch is driven open."""
     return angle <= 0.0 and released == 0.0
 
 
 @compilable
 def is_reached(angle: float, rate: float, rate_end: float, step: float) -> bool:
-    """Whether a gate comes home within a step, from an angle [rad] above home."""
+    """Whether a gate reaches the closed position within a step, from an angle [rad] above it."""
     return angle > 0.0 >= angle + 0.5 * step * (rate + rate_end)
 
 
 @compilable
 def rate_home(angle: float, rate: float, step: float) -> float:
-    """Return the rate [rad/s] at the end of a step in which a gate reaches φ = 0 with a linearly changing rate."""
+    """Return the final rate [rad/s] of a step in which a gate reaches φ = 0 with a linearly changing rate."""
     return -2.0 * angle / step - rate
 
 
 @compilable
 def held_home(latched: bool) -> LatchState:
-    """Return the state of a latch without positions."""
+    """Return the state of a latch without positions, latched or open."""
     return LatchState(FULL if latched else OPEN, 0.0, 0.0, 0.0)
 
 
 @compilable
 def at_first(claw: Claw, latched: bool) -> LatchState:
-    """Return the latch's initial state: fully closed, or as if it had been released long ago."""
+    """Return the initial state of a latch with positions: fully closed, or as if released long ago."""
     driven = 0.0 if latched else claw.release_time
     return LatchState(FULL if latched else OPEN, 0.0, driven, 0.0)
 
@@ -157,13 +157,13 @@ def at_first(claw: Claw, latched: bool) -> LatchState:
 
 @compilable
 def hook_place(claw: Claw, state: LatchState) -> float:
-    """Return q [m], how far from home the striker may go while the claw is held."""
+    """Return q [m], the distance from home to which the held claw lets the striker go."""
     return claw.full if state.claw == FULL else claw.half - state.pull
 
 
 @compilable
 def is_to_pull(claw: Claw, state: LatchState, cinched: float) -> bool:
-    """Whether the cinching motor shall draw the claw home."""
+    """Whether the cinching motor is to draw the claw home."""
     wanted = claw.cinch == AUTOMATIC or (claw.cinch == COMMANDED and cinched > 0.0)
     return state.claw == HALF and wanted
 
@@ -176,20 +176,20 @@ def yielding_of(claw: Claw) -> float:
 
 @compilable
 def bent_by(claw: Claw, state: LatchState, angle: float) -> float:
-    """Return the hook's deflection s − q [m] with the gate at an angle [rad]; negative: no contact."""
+    """Return the hook's deflection s − q [m] at a gate angle [rad]; negative: no contact."""
     return claw.distance * angle - hook_place(claw, state)
 
 
 @compilable
 def loaded_speed(claw: Claw, bent: float) -> float:
-    """Return the speed [m/s] of a pulling cinching motor with the hook deflected by `bent` [m]."""
+    """Return the speed [m/s] of a pulling cinching motor at a deflection `bent` [m] of the hook."""
     free = claw.cinch_speed
     return min(free, max(0.0, free - yielding_of(claw) * bent))
 
 
 @compilable
 def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """Return the cinching motor's present speed dp/dt [m/s], with the gate at an angle [rad].
+    """Return the cinching motor's present speed dp/dt [m/s] at a gate angle [rad].
 
     The motor returns, with a negative speed, where it shall not pull.
     """
@@ -200,7 +200,7 @@ def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> f
 
 @compilable
 def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """Return how fast [m/s] the cinching motor draws the hook home; negative: it returns with the hook."""
+    """Return the speed [m/s] at which the cinching motor draws the hook home; negative: it returns."""
     return pull_speed(claw, state, angle, cinched) if state.claw == HALF else 0.0
 
 
@@ -267,13 +267,13 @@ def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, cinched
 
 @compilable
 def claw_depth(claw: Claw, angle: float) -> float:
-    """Return how far [m] the striker has turned the claw against its spring."""
+    """Return the distance [m] by which the striker has turned the claw against its spring."""
     return claw.entry - claw.distance * angle
 
 
 @compilable
 def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
-    """Return the torque [N m] of hook and claw on the gate."""
+    """Return the torque [N m] of the latch's hook and claw on the gate."""
     if claw.half == 0.0:
         return 0.0
     spring = contact.force(claw.spring, 0.0, claw_depth(claw, angle), 0.0)
@@ -282,7 +282,7 @@ def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: fl
 
 @compilable
 def drawn_since(claw: Claw, state: LatchState, before: float, place: float, cinched: float, step: float) -> float:
-    """Return how far [m] the cinching motor draws a claw from its catch within a step to the step's end.
+    """Return the distance [m] by which the cinching motor draws a claw that is caught within the step.
 
     The striker moves linearly from `before` to `place` [m], without touching the hook: there is no load.
     """
@@ -304,7 +304,7 @@ def next_latch(
     released: float,
     step: float,
 ) -> LatchState:
-    """Return the latch after a step in which the gate moves from `before` to `angle` [rad].
+    """Return the latch's state after a step in which the gate moves from `before` to `angle` [rad].
 
     `pulling` is the cinching motor's speed [m/s] in that step.
     """

@@ -27,7 +27,7 @@ class Motor(NamedTuple):
 
 
 class Winding(NamedTuple):
-    """Winding of one motor during one step, and what is applied to it.
+    """Winding of one motor during one step, with the voltage applied to it.
 
     It has the resistance [Ω] and the back-EMF constant [V/rps] at the present temperature, and the inductance [H].
     """
@@ -41,7 +41,7 @@ class Winding(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Current of one motor over a step, linear in its own and in the other motor's final speed.
+    """Current of one motor over a step as a linear function of its own and the other motor's final speed.
 
     Mean current [A] = mean + mean_own n_own + mean_other n_other; likewise the current at the end.
     """
@@ -56,13 +56,13 @@ class Response(NamedTuple):
 
 @compilable
 def mean_current(response: Response, own: float, other: float) -> float:
-    """Return the mean current [A] of the step for the final speeds [rev/s]."""
+    """Return a motor's mean current [A] over the step for the final speeds [rev/s]."""
     return response.mean + response.mean_own * own + response.mean_other * other
 
 
 @compilable
 def end_current(response: Response, own: float, other: float) -> float:
-    """Return the current [A] at the end of the step for the final speeds [rev/s]."""
+    """Return a motor's current [A] at the end of the step for the final speeds [rev/s]."""
     return response.end + response.end_own * own + response.end_other * other
 
 
@@ -97,7 +97,7 @@ def phi_functions(z: float) -> Phi:
 
 @compilable
 def modes(left: Winding, right: Winding, source_resistance: float) -> tuple[float, float, float, float]:
-    """Return the decay rates [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
+    """Return decay rates [1/s] and rotation (cos, sin) of the two coupled windings' modes in √L i."""
     return rotation(
         (left.resistance + source_resistance * left.duty * left.duty) / left.inductance,
         (right.resistance + source_resistance * right.duty * right.duty) / right.inductance,
@@ -125,7 +125,7 @@ def rotation(a: float, d: float, b: float) -> tuple[float, float, float, float]:
 def by_speeds(
     c: float, s: float, first: float, second: float, forcing: tuple[float, float], roots: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Return how much the left current depends on the left and the right final speed, and how much the right one.
+    """Return the derivatives of left and right current with respect to the left and right final speed.
 
     `first` and `second` are a φ function of both modes, c and s their rotation, `forcing` that per final speed in
     modal coordinates, `roots` the square roots of the inductances.
@@ -204,7 +204,7 @@ def solve_windings(
 
 @compilable
 def restarted(winding: Winding, mean: float, restart: float, speed: float, step: float) -> Response:
-    """Return the current of a winding that has none at `restart` [s] of a step, then `winding.voltage` on it.
+    """Return the current of a winding in which `winding.voltage` drives one from `restart` [s] of the step on.
 
     Before that its current contributed the mean `mean` [A]. Speeds and voltages change linearly over the step.
     """

@@ -24,7 +24,7 @@ def mix(x: int) -> int:
 
 @compilable
 def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
-    """Return normal noise of that standard deviation; with deviation 0 nothing is computed."""
+    """Return normally distributed noise of a standard deviation; with 0 nothing is computed."""
     if deviation == 0.0:
         return 0.0
     return deviation * gaussian(seed, tick, channel)
@@ -32,13 +32,13 @@ def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
 
 @compilable
 def key_of(seed: int, number: int, channel: int) -> int:
-    """Return the hash that a random number is made from, by number (a tick, an edge, a pole) and channel."""
+    """Return the hash from which a random number is made, by number (a tick, an edge, a pole) and channel."""
     return mix(mix(mix(seed) + number) + (number >> 32) + 0x9E3779B9 * channel)
 
 
 @compilable
 def uniform(seed: int, number: int, channel: int) -> float:
-    """Return a random number between 0 and 1, evenly distributed."""
+    """Return a random number uniformly distributed between 0 and 1."""
     return (mix(key_of(seed, number, channel)) + 0.5) / 4294967296.0
 
 

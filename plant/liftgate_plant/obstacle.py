@@ -13,7 +13,7 @@ from liftgate_plant import contact
 
 
 class Obstacle(NamedTuple):
-    """Parameters of an obstacle in SI units; with stiffness 0 there is none.
+    """Parameters of an obstacle in SI units; stiffness 0: there is no obstacle.
 
     `direction` is +1 met while closing, −1 met while opening.
     """
@@ -29,17 +29,17 @@ class Obstacle(NamedTuple):
 
 @compilable
 def depth(obstacle: Obstacle, angle: float) -> float:
-    """Return how deep [m] the gate is in the obstacle, along the arc at its distance."""
+    """Return the penetration [m] of the gate into an obstacle, along the arc at its distance."""
     return obstacle.direction * (obstacle.angle - angle) * obstacle.distance - obstacle.gap
 
 
 @compilable
 def rate(obstacle: Obstacle, gate_rate: float) -> float:
-    """Return how fast [m/s] the gate goes deeper."""
+    """Return the rate [m/s] at which the gate's penetration into an obstacle grows."""
     return -obstacle.direction * gate_rate * obstacle.distance
 
 
 @compilable
 def pinch_force(obstacle: Obstacle, angle: float, gate_rate: float) -> float:
-    """Return the pinch force F_o [N]."""
+    """Return an obstacle's pinch force F_o [N]."""
     return contact.force(obstacle.stiffness, obstacle.damping, depth(obstacle, angle), rate(obstacle, gate_rate))

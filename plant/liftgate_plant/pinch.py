@@ -19,7 +19,7 @@ APART = 0.1  # s; a shorter separation, as of a gate that bounces, does not end 
 
 
 class Pinch(NamedTuple):
-    """The last contact; before the first, all 0 but `free`."""
+    """The last contact with an obstacle; before the first contact, all 0 but `free`."""
 
     force: float  # N, at the last reading
     speed: float  # m/s, into the obstacle at the last reading
@@ -36,7 +36,7 @@ NOT_PINCHED = Pinch(0.0, 0.0, APART, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def time_over(before: float, after: float, limit: float, step: float) -> float:
-    """Return how long [s] in a step a linearly changing force is over a limit."""
+    """Return the time [s] in a step during which a linearly changing force is above a limit."""
     if before > limit and after > limit:
         return step
     if before <= limit and after <= limit:
@@ -49,7 +49,7 @@ def time_over(before: float, after: float, limit: float, step: float) -> float:
 def pinched(
     last: Pinch, plant: Plant, body: Obstacle, state: State, force: float, now: float, step: float
 ) -> Pinch:
-    """Return the contact after a step that ended at `now` [s] with that force [N]."""
+    """Return the last contact after a step that ended at `now` [s] with that force [N]."""
     turn = rate_at(plant, state, body.lateral)
     speed = obstacle.rate(body, turn)
     if force <= 0.0 and last.force <= 0.0:
@@ -77,7 +77,7 @@ def pinched(
 
 @compilable
 def pressed(last: Pinch, begin: float, end: float, speed: float, length: float, limit: float) -> Pinch:
-    """Return a contact that continues for `length` [s] with a force from `begin` to `end` [N]."""
+    """Return a contact continued for `length` [s] with a force from `begin` to `end` [N]."""
     return Pinch(
         force=end,
         speed=speed,

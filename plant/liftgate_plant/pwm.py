@@ -52,7 +52,7 @@ NO_COURSE = Course(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @outlined
 def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
-    """Return the waveform at a duty between 0 and 1, for a supply and a back-EMF [V] along it."""
+    """Return the periodic waveform of a motor's current at a duty of 0…1, for supply and back-EMF [V] along it."""
     resistance, period = chopper.resistance, chopper.period
     tau = chopper.inductance / resistance
     on, off = duty * period, (1.0 - duty) * period

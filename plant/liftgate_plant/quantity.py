@@ -33,13 +33,13 @@ class Quantity(NamedTuple):
 
     @property
     def range(self) -> str:
-        """The allowed numbers as readable text, without the unit."""
+        """Text of the allowed numbers, without the unit."""
         low, high = (f"{value:.6g}" for value in (self.least or self.low, self.high))
         kind = "a whole number from " if self.is_whole else "0, or " if self.least else ""
         return f"{kind}{low} to {high}"
 
     def allows(self, value: float) -> bool:
-        """Whether a value, in the file's unit, is allowed; NaN is not."""
+        """Whether a value, in the file's unit, is allowed; NaN is not allowed."""
         is_in_range = self.low <= value <= self.high and not 0.0 < value < self.least
         return is_in_range and (not self.is_whole or float(value).is_integer())
 
@@ -50,5 +50,5 @@ class Quantity(NamedTuple):
 
 
 def choice(options: tuple[str, ...], meaning: str) -> Quantity:
-    """Return the annotation of a parameter that is one of several words."""
+    """Return the Quantity of a parameter that is one of several words."""
     return Quantity("", "", 0.0, 0.0, meaning, options)

@@ -34,7 +34,7 @@ PASSES = 2  # fixed-point iterations for the middle of the step
 
 @compilable
 def bend(link: Linkage, angle: float) -> float:
-    """Return the derivative of the lever arm, r' = dr_AP/dφ [m/rad]."""
+    """Return the lever arm's derivative r' = dr_AP/dφ [m/rad]."""
     s, r = link.body_radius, link.gate_radius
     arm = gate.lever(link, angle)
     along = s * r * math.cos(angle + link.offset) - arm * arm
@@ -43,7 +43,7 @@ def bend(link: Linkage, angle: float) -> float:
 
 @compilable
 def angle_at(link: Linkage, extended: float) -> float:
-    """Return φ [rad] at an extension; beyond the reach of the linkage, the nearest angle it can reach."""
+    """Return φ [rad] at an extension [m]; beyond the reach of the linkage, the nearest reachable angle."""
     s, r = link.body_radius, link.gate_radius
     total = max(link.closed_length + extended, 0.0)
     cosine = (s * s + r * r - total * total) / (2.0 * s * r)
@@ -52,7 +52,7 @@ def angle_at(link: Linkage, extended: float) -> float:
 
 @compilable
 def static_electrics(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[Electric, Electric]:
-    """Return both drives' electrical side without inductance, for one common speed n [rev/s].
+    """Return both drives' electrical models without inductance, for one common speed n [rev/s].
 
     (R I + R_s d dᵀ) i = d U + u − c2Φ n, with R of each line, R_s of the source, duties d, supply voltage U and
     directly applied voltages u. The currents i are linear in n; a coasting or absent motor has none. `step` [s].
@@ -97,7 +97,7 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs, step: float) ->
 
 @compilable
 def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: float) -> float:
-    """Return the dry friction [N m] of all drives and the hinge on the common shaft."""
+    """Return the dry friction [N m] of all drives and the hinge, referred to the common shaft."""
     limit = abs(plant.left.torque_per_force / lever) * plant.hinge.coulomb
     for drive in (plant.left, plant.right):
         if drive.active > 0.0:
@@ -109,7 +109,7 @@ def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: flo
 
 @compilable
 def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: int) -> tuple[State, Flow]:
-    """Return the state `step` seconds later by the model of `order` 3 or 2, and the course of the currents.
+    """Return the state `step` seconds later by the thesis's model of `order` 3 or 2, and the currents' course.
 
     The inputs hold during the step.
     """
@@ -173,7 +173,7 @@ def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: i
 def path_of(
     drive: Drive, electric: Electric, state: DriveState, coast: float, speed: float, step: float, order: int
 ) -> CurrentPath:
-    """Return the course of one motor's current during the step.
+    """Return the course of one motor's current during a step.
 
     In the second-order model the current follows its voltage at once, and then a straight line.
     """
@@ -188,14 +188,14 @@ def path_of(
 def next_motor(
     drive: Drive, state: DriveState, path: CurrentPath, speed: float, position: float, ambient: float, step: float
 ) -> DriveState:
-    """Return one motor's state after a step with that current, at the common speed and position."""
+    """Return one motor's state after a step with a current, at the common speed and position."""
     winding, housing, fuse = warmed(drive, state, path, ambient, step)
     return DriveState(path.end, speed, position, winding, housing, fuse, 0.0)
 
 
 @compilable
 def rigid_start(state: State) -> State:
-    """Return the state with gate and drives rigidly coupled: the left drive's speed and position hold for both."""
+    """Return the state with rigidly coupled gate and drives, by the left drive's speed and position."""
     left, right = state.left, state.right
     return State(
         left,

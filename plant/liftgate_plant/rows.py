@@ -25,13 +25,13 @@ _DEGREES = 180.0 / math.pi
 
 @compilable
 def value_or(value: float, default: float) -> float:
-    """Return the value, or the default where it is NaN."""
+    """Return a value, or the default if it is NaN."""
     return default if np.isnan(value) else float(value)
 
 
 @compilable
 def rise_under(rise: float, surroundings: Surroundings) -> float:
-    """Return the rise of the supply's voltage over a step; 0 where `surroundings` overrides the voltage."""
+    """Return the rise of the supply voltage over a step; 0 where `surroundings` overrides the voltage."""
     return rise if np.isnan(surroundings.supply_voltage_v) else 0.0
 
 
@@ -44,7 +44,7 @@ def overlaid(
     latch_cinched: float,
     obstacle: Obstacle,
 ) -> Load:
-    """Return the load on the gate: `base`, overridden by `surroundings` where that is not NaN."""
+    """Return the load `base` on the gate, overridden by `surroundings` where these are not NaN."""
     return Load(
         supply_voltage=value_or(surroundings.supply_voltage_v, base.supply_voltage),
         supply_rise=supply_rise,
@@ -73,7 +73,7 @@ _SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings
 
 @compilable
 def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inputs:
-    """Return the inputs of a row of INPUT_COLUMNS.
+    """Return the plant's inputs in a row of INPUT_COLUMNS.
 
     Where the row is NaN, `base` holds and motors are shorted.
     """
@@ -98,13 +98,13 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
 
 @compilable
 def bridge_under(fault: DriveFaults, given: DriveInput) -> DriveInput:
-    """Return a motor's input under a fault: a stuck bridge is in its state with full voltage."""
+    """Return a motor's input under a bridge fault: a stuck bridge stays in its state at full voltage."""
     return given if np.isnan(fault.bridge) else drive_input(int(fault.bridge), 1.0)
 
 
 @compilable
 def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
-    """Return the inputs with stuck bridges and a latch that is not released."""
+    """Return the inputs under faults: stuck bridges, and a latch that is not released."""
     if faults.inputs == 0.0:
         return inputs
     load = inputs.load
@@ -119,7 +119,7 @@ def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
 
 @compilable
 def surroundings_of(load: Load) -> Surroundings:
-    """Return a load in the units of files."""
+    """Return a load as Surroundings, in the units of files."""
     return Surroundings(
         supply_voltage_v=load.supply_voltage,
         road_slope_deg=load.road_slope * _DEGREES,
@@ -135,7 +135,7 @@ def surroundings_of(load: Load) -> Surroundings:
 
 @compilable
 def truth_of(sensor: Sensors, time: float, view: View, contact: Pinch, step: float) -> Truth:
-    """Return the row of true values of a plant at a time [s], with the last contact, after a step [s]."""
+    """Return the row of true values at a time [s], with the last contact, after a step [s]."""
     state, inputs, shown, flow = view
     left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(

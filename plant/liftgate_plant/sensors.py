@@ -131,7 +131,7 @@ class Sensors(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """Memory of the sensors, by drive; written in place."""
+    """State of the sensors of both drives between ticks; written in place."""
 
     currents: NDArray[np.float64]  # (2, 3): current behind low-pass or window and last reading, A;
     # charge in the open window, A s
@@ -142,7 +142,7 @@ class SensorState(NamedTuple):
 
 @compilable
 def quantised(value: float, resolution: float) -> float:
-    """Return the nearest multiple of the resolution; with resolution 0 the value itself."""
+    """Return a value rounded to the nearest multiple of the resolution; with resolution 0 unchanged."""
     if resolution == 0.0:
         return value
     return math.floor(value / resolution + 0.5) * resolution
@@ -150,13 +150,13 @@ def quantised(value: float, resolution: float) -> float:
 
 @compilable
 def hall_count(sensors: Sensors, position: float) -> int:
-    """Return a perfect encoder's count at a motor position [rev]."""
+    """Return the count of a perfect encoder, by the sensors' counts per turn, at a motor position [rev]."""
     return ideal_count(sensors.hall_counts, position)
 
 
 @compilable
 def encoder_of(sensors: Sensors) -> Encoder:
-    """Return the encoder model of both shafts."""
+    """Return the model of both shafts' Hall encoders."""
     steps = 4.0 / (2.0 * math.pi)  # steps per radian of the electrical angle
     return Encoder(
         counts=sensors.hall_counts,
@@ -185,7 +185,7 @@ def sensed_current(
     noise: float,
     when: Tick,
 ) -> tuple[MeanWindow, float]:
-    """Return the current [A] behind low-pass or window, and the converter's reading of it [A].
+    """Return the current [A] behind low-pass or averaging window, and the converter's reading of it [A].
 
     `turned` is the motion of the shaft before and after the tick.
     """
@@ -228,7 +228,7 @@ def sensed_current(
 
 @compilable
 def broken_reading(sensors: Sensors, fault: CurrentFault, duty: float, reading: float, last: float) -> float:
-    """Return the converter's reading [A] under a fault.
+    """Return the converter's reading [A] of the motor current under a fault.
 
     It is the last reading if frozen, the converter's limit if a bridge drives a short circuit with that duty, else
     `reading`.
@@ -243,13 +243,13 @@ def broken_reading(sensors: Sensors, fault: CurrentFault, duty: float, reading: 
 
 @compilable
 def strip_closes(sensors: Sensors, side: float, rod: Obstacle, force: float) -> bool:
-    """Whether the pinch strip on a side (1 left, −1 right) is pressed by what the closing gate meets."""
+    """Whether the pinch strip on a side (1 left, −1 right) is pressed by an obstacle of the closing gate."""
     met = rod.direction > 0.0 and side * rod.lateral >= sensors.strip_begin
     return bool(met and sensors.strip_force > 0.0 and force >= sensors.strip_force)
 
 
 def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> SensorState:
-    """Return the sensors before the first tick, with a ring buffer for the last `edges` Hall edges."""
+    """Return the sensors' state before the first tick, with a ring buffer for the last `edges` Hall edges."""
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
         currents=np.array([[each.current, each.current, 0.0] for each in (left, right)]),
@@ -262,7 +262,7 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
 
 
 class View(NamedTuple):
-    """Plant at the end of a tick: state, the inputs that led to it, outputs, and the currents' course before."""
+    """What the sensors can see at the end of a tick: state, inputs, outputs, and the currents' course in it."""
 
     state: State
     inputs: Inputs
@@ -272,7 +272,7 @@ class View(NamedTuple):
 
 @compilable
 def tick_of(sensors: Sensors, seed: int, number: int, step: float) -> Tick:
-    """Return the time of the readings at the end of tick `number` (from 1 on), of `step` seconds."""
+    """Return the Tick of the readings at the end of tick `number` (from 1 on), of `step` seconds."""
     period = max(1, round(sensors.hall_sample_period / step))
     return Tick((number - 1) * step, step, seed, number % period == 0, number)
 

@@ -35,7 +35,7 @@ _TOUCHES = 1e-9  # V, by which an EMF may be below its limit and still drive a c
 
 
 class Branch(NamedTuple):
-    """A bridge and its motor."""
+    """A bridge and its motor, as one of two branches on the source."""
 
     chopper: Chopper
     duty: float  # 0…1; 0: the branch carries no current
@@ -51,7 +51,7 @@ class BranchPath(NamedTuple):
 
 
 class Wave(NamedTuple):
-    """A current i = final + first e^(−λ1 t) + second e^(−λ2 t) [A]."""
+    """Course of a current: i = final + first e^(−λ1 t) + second e^(−λ2 t) [A]."""
 
     final: float
     first: float
@@ -59,7 +59,7 @@ class Wave(NamedTuple):
 
 
 class Decay(NamedTuple):
-    """Decay of both modes after a time: the time [s], λ1 and λ2 [1/s], and e^(−λ t)."""
+    """Decay of both modes over a time: the time [s], λ1 and λ2 [1/s], and e^(−λ t)."""
 
     time: float
     rate_1: float
@@ -76,7 +76,7 @@ class Sag(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Integrals of a current over the period so far, and its extremes."""
+    """Integrals of a current over the period so far, and the current's extremes."""
 
     charge: float  # A s
     square: float  # A² s
@@ -87,7 +87,7 @@ class Sums(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Both currents in a part of the period without a switching instant.
+    """Both currents in a part of the PWM period without a switching instant.
 
     Holds the rates [1/s] of the modes and their rotation, too.
     """
@@ -102,9 +102,9 @@ class Part(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Sensitivities of both currents to those at the period's start.
+    """Sensitivities (derivatives) of both currents with respect to those at the period's start.
 
-    `left_right` is that of the left current to the right one at the start.
+    `left_right` is the derivative of the left current with respect to the right one at the start.
     """
 
     left_left: float
@@ -114,7 +114,7 @@ class Slopes(NamedTuple):
 
 
 class Period(NamedTuple):
-    """Both currents over a period that begins with given ones.
+    """Both currents over a PWM period that begins with given currents.
 
     Holds the currents at its end [A], their sensitivities to those at its start, and the sums.
     """
@@ -133,7 +133,7 @@ SAME = Slopes(1.0, 0.0, 0.0, 1.0)
 
 @compilable
 def freewheel(chopper: Chopper, along: float) -> BranchPath:
-    """Return the path of a current that flows along the duty (1.0) or against it (−1.0) while the PWM is off."""
+    """Return the path of a current along the duty (1.0) or against it (−1.0) while the PWM is off."""
     if chopper.freewheeling == SLOW:
         return BranchPath(0.0, 0.0, 1.0)
     if along < 0.0:
@@ -145,7 +145,7 @@ def freewheel(chopper: Chopper, along: float) -> BranchPath:
 
 @compilable
 def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> BranchPath:
-    """Return the path of a branch's current [A].
+    """Return the path through the bridge of a branch's current [A].
 
     `terminal` is the terminal voltage [V] without the branch's own current.
     """
@@ -164,19 +164,19 @@ def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Bran
 
 @compilable
 def drawn_by(branch: Branch, is_on: bool, current: float) -> float:
-    """Return the current [A] that a branch with `current` [A] draws from the source."""
+    """Return the current [A] that a branch with current `current` [A] draws from the source."""
     return way_of(branch, is_on, current, 0.0).share * current if current != 0.0 else 0.0
 
 
 @compilable
 def value_after(wave: Wave, decay: Decay) -> float:
-    """Return a current [A] at the end of a part."""
+    """Return a current [A] at the end of a part of the period."""
     return wave.final + wave.first * decay.left_1 + wave.second * decay.left_2
 
 
 @compilable
 def ends_at(wave: Wave, start: float, modes: Decay) -> float:
-    """Return when [s] a current that starts with `start` [A] reaches zero within a part.
+    """Return the time [s] in a part at which a current that starts with `start` [A] reaches zero.
 
     Returns the part's length if it does not.
     """
@@ -213,7 +213,7 @@ def ends_at(wave: Wave, start: float, modes: Decay) -> float:
 def begins_at(
     branch: Branch, way: BranchPath, wave: Wave, start: float, share: float, decay: Decay, sag: Sag
 ) -> float:
-    """Return when [s] within a part an idle motor's EMF starts to drive a current against the duty.
+    """Return the time [s] in a part at which an idle motor's EMF starts to drive a current against the duty.
 
     This happens if the other branch's current, of which the source supplies `share`, pulls the source down far
     enough. Returns the part's length if it does not happen.
@@ -230,7 +230,7 @@ def begins_at(
 
 @compilable
 def added(sums: Sums, wave: Wave, decay: Decay, share: float, is_on: bool) -> Sums:
-    """Return the sums with one more part of the period, in which the source supplies `share` of the current."""
+    """Return the integrals extended by a part of the period, `share` of whose current the source supplies."""
     f, a, b, time = wave.final, wave.first, wave.second, decay.time
     gone_1, gone_2 = (1.0 - decay.left_1) / decay.rate_1, (1.0 - decay.left_2) / decay.rate_2
     charge = f * time + a * gone_1 + b * gone_2
@@ -261,7 +261,7 @@ def part_of(
     source: float,
     resistance: float,
 ) -> Part:
-    """Solve both currents of a part that begins with `i_l` and `i_r` [A].
+    """Solve both currents of a part of the period that begins with `i_l` and `i_r` [A].
 
     The currents x = √L i are transformed to modes, solved there, and transformed back.
     """
@@ -290,14 +290,14 @@ def part_of(
 
 @compilable
 def decay_of(part: Part, time: float) -> Decay:
-    """Return the decay of both modes of a part after a time [s]."""
+    """Return the Decay of both modes of a part after a time [s]."""
     left_1, left_2 = math.exp(-part.rate_1 * time), math.exp(-part.rate_2 * time)
     return Decay(time, part.rate_1, part.rate_2, left_1, left_2)
 
 
 @compilable
 def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
-    """Return the sensitivities of the currents at a part's end to those at the period's start.
+    """Return the sensitivities of the currents at a part's end with respect to those at the period's start.
 
     `by` are the sensitivities at the part's start.
     """
@@ -315,7 +315,7 @@ def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
 
 @compilable
 def next_switch(now: float, period: float, on_left: float, on_right: float) -> float:
-    """Return when [s] the bridges switch next in a period; they are on until `on_left` and `on_right` [s]."""
+    """Return the next switching time [s] in a period; the bridges are on until `on_left` and `on_right` [s]."""
     end = period
     if now < on_left:
         end = min(end, on_left)
@@ -328,7 +328,7 @@ def next_switch(now: float, period: float, on_left: float, on_right: float) -> f
 def over_a_period(
     left: Branch, right: Branch, start_l: float, start_r: float, source: float, resistance: float
 ) -> Period:
-    """Compute both currents over a period that begins with `start_l` and `start_r` [A]."""
+    """Compute both currents over a PWM period that begins with `start_l` and `start_r` [A]."""
     period = left.chopper.period if left.duty > 0.0 else right.chopper.period
     on_l, on_r = left.duty * period, right.duty * period
     i_l, i_r, now, by, sag = start_l, start_r, 0.0, SAME, Sag(source, resistance)
@@ -372,7 +372,7 @@ def over_a_period(
 
 @compilable
 def has_ended(way: BranchPath, before: float, after: float) -> bool:
-    """Whether a diode's current has reached zero, up to rounding.
+    """Whether a current through diodes has reached zero, up to rounding.
 
     A current against the duty flows through the source, so `way.share` tells its direction.
     """
@@ -382,7 +382,7 @@ def has_ended(way: BranchPath, before: float, after: float) -> bool:
 
 @outlined
 def repeating(left: Branch, right: Branch, source: float, resistance: float) -> Period:
-    """Return the period after which both currents repeat; `source` [V] is behind `resistance` [Ω].
+    """Return the periodic steady state, with equal currents at both ends; `source` [V] is behind `resistance` [Ω].
 
     A branch of duty 0 carries no current. Both have the same period, unless one has duty 1 and does not switch.
     """

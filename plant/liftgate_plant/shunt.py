@@ -25,9 +25,9 @@ class Ripple(NamedTuple):
 
 @compilable
 def low_passed(filtered: float, path: CurrentPath, constant: float, step: float) -> float:
-    """Return the current behind a low-pass of the time constant T [s] at the end of the step.
+    """Return the current at the end of the step behind a low-pass of the time constant T [s].
 
-    `filtered` is its value at the step's start.
+    `filtered` is the low-pass's output at the step's start.
     """
     share, fall = step / constant, path.decay * step
     e, phi1, phi2, _ = phi_functions(-share)
@@ -47,7 +47,7 @@ def low_passed(filtered: float, path: CurrentPath, constant: float, step: float)
 
 @compilable
 def rippled(ripple: Ripple, constant: float, step: float) -> float:
-    """Return what a ripple adds at the end of the step behind a low-pass of the time constant T [s].
+    """Return the ripple's contribution at the end of the step behind a low-pass of the time constant T [s].
 
     Without a low-pass (T = 0) it is the ripple's mean over the step.
     """
@@ -63,7 +63,7 @@ def rippled(ripple: Ripple, constant: float, step: float) -> float:
 
 
 class Commutation(NamedTuple):
-    """Amplitude of a commutation ripple: a share of the current, and an amplitude [A]."""
+    """Amplitude of a commutation ripple: as a share of the current, and in absolute terms [A]."""
 
     share: float
     amplitude: float
@@ -71,9 +71,9 @@ class Commutation(NamedTuple):
 
 @compilable
 def commutations(segments: float, brushes: float) -> float:
-    """Return how often per turn a brush passes from one segment to the next.
+    """Return the number of commutations per turn, brush passages from one segment to the next.
 
-    It is the least common multiple of both, as brushes that pass at once count once.
+    The number is the least common multiple of both, as brushes that pass at once count once.
     """
     least, rest = math.floor(segments), math.floor(brushes)
     product = float(least * rest)
@@ -93,7 +93,7 @@ def ideal_ripple(order: float) -> float:
 
 @compilable
 def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
-    """Return the current [A] that a ripple of a share of the EMF drives through the winding.
+    """Return the current [A] driven through the winding by a ripple of the EMF, given as share of the EMF.
 
     For `order` commutations per turn it is share c2Φ n / √(R² + (2π order n L)²).
     """
@@ -103,7 +103,7 @@ def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
 
 
 class Turning(NamedTuple):
-    """Angle of the commutations [rad] and its rate [rad/s] at both ends of a step."""
+    """Commutation angle [rad] and its rate [rad/s] at both ends of a step."""
 
     start: float
     end: float
@@ -118,7 +118,7 @@ _PIECES = 8  # largest number of pieces
 
 @compilable
 def commutated(ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float) -> float:
-    """Return what a commutation ripple adds to the reading at the end of the step.
+    """Return the contribution of a commutation ripple to the reading at the end of the step.
 
     Where current or speed change much within the step, it is divided into pieces.
     """
@@ -150,7 +150,7 @@ def commutated(ripple: Commutation, path: CurrentPath, turning: Turning, constan
 
 @compilable
 def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
-    """Return the angle of the commutations between two times [s] within the step."""
+    """Return the angle of commutation that passes between two times [s] of the step."""
     gain = (turning.end_rate - turning.start_rate) / step
     drift = turning.end - turning.start - 0.5 * (turning.start_rate + turning.end_rate) * step
     rate = turning.start_rate + drift / step
@@ -166,7 +166,7 @@ def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
 def gathered_between(
     ripple: Commutation, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
 ) -> float:
-    """Return the charge [A s] that flows between two times of the step, commutation ripple included."""
+    """Return the charge [A s] that flows between two times [s] of the step, with commutation ripple."""
     if end <= begin:
         return 0.0
     part = part_of(path, begin, end, step)
@@ -180,7 +180,7 @@ _SLACK = 1e-9  # of a window, by which its end and a tick's may differ and still
 
 
 class MeanWindow(NamedTuple):
-    """Mean over windows of one length that follow one another from time 0 on."""
+    """Mean current over consecutive windows of one length from time 0 on."""
 
     mean: float  # A, of the last window that has ended
     gathered: float  # A s, charge in the window that is open
@@ -196,7 +196,7 @@ def windowed(
     now: float,
     step: float,
 ) -> MeanWindow:
-    """Return the windows of `length` [s] after a step that ends at `now` [s]."""
+    """Return the averaging windows of `length` [s] after a step that ends at `now` [s]."""
     ended = math.floor(now / length + _SLACK)
     if ended == math.floor((now - step) / length + _SLACK):
         more = gathered_between(ripple, path, turning, 0.0, step, step)

@@ -38,7 +38,7 @@ SUFFIXES: Mapping[str, str] = {
 
 
 class Signal(NamedTuple):
-    """A quantity over time; `low` and `high` are inclusive. Enumerations name their values 0, 1, 2, …"""
+    """A quantity over time; `low` and `high` are inclusive. Values of an enumeration are named: 0, 1, 2, …"""
 
     unit: str
     low: float
@@ -50,11 +50,11 @@ class Signal(NamedTuple):
 
     @property
     def suffix(self) -> str:
-        """Suffix of a column's name."""
+        """Suffix of a column's name that states the unit."""
         return SUFFIXES[self.unit]
 
     def parameter(self, symbol: str) -> Quantity:
-        """Return the signal as a key of the vehicle file, whose value holds unless something overrides it."""
+        """Return the signal as a Quantity, a key of the vehicle file that holds unless overridden in a run."""
         return Quantity(symbol, self.unit, self.low, self.high, self.meaning)
 
 
@@ -126,7 +126,7 @@ EXTERNAL_TORQUE = Signal("N m", -5e3, 5e3, "external torque on the gate, positiv
 
 
 class Drives(NamedTuple):
-    """Motor inputs of offline runs: `simulate`'s inputs, measured ones, those of identification."""
+    """Motor inputs of runs without an ECU: of `simulate`, measured, or of identification."""
 
     left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
     right_voltage_v: Annotated[float, MOTOR_VOLTAGE]
@@ -155,7 +155,7 @@ class Surroundings(NamedTuple):
 
 @compilable
 def switched(is_on: bool) -> float:
-    """Return the signal of a switch: 1.0 on, 0.0 off."""
+    """Return the Signal of a switch: 1.0 on, 0.0 off."""
     return 1.0 if is_on else 0.0
 
 
@@ -163,7 +163,7 @@ NO_PROFILE_VALUES = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan)
 
 
 class Truth(NamedTuple):
-    """True values at the end of a step, with the inputs that led there."""
+    """True values at the end of a step, with the inputs that led to them."""
 
     time_s: Annotated[float, TIME]
     left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
@@ -263,11 +263,11 @@ class Sensed(NamedTuple):
 
 
 def signals_of(row: type[Any]) -> dict[str, Signal]:
-    """Return the signals of a row's type by column, in its order."""
+    """Return the signals of a row's type by column, in order."""
     hints = get_type_hints(row, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items()}
 
 
 def bus_name(column: str, signal: Signal) -> str:
-    """Return a column's name in a rig file: its name without the unit, or the signal's own."""
+    """Return a column's name as quantity of a rig file: without its unit, or the signal's own bus name."""
     return signal.bus_name or column.removesuffix(signal.suffix)

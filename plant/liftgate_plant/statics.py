@@ -35,7 +35,7 @@ _OFF = DriveInput(0.0, 0.0, 1.0)
 
 
 class Rest(NamedTuple):
-    """A vehicle at rest: its plant, what acts on it, and its friction over the travel."""
+    """A vehicle at rest: its plant, its load, and its friction over the travel."""
 
     plant: Plant
     load: Load
@@ -58,7 +58,7 @@ class Balance(NamedTuple):
 
 
 class StaticMap(NamedTuple):
-    """Margins [N m] over slopes (n,), angles (m,) and supply voltages (k,); positive: it moves."""
+    """Margins [N m] over slopes (n,), angles (m,) and supply voltages (k,); positive: the gate moves."""
 
     slopes: Floats  # rad
     angles: Floats  # rad
@@ -70,7 +70,7 @@ class StaticMap(NamedTuple):
 
 
 class SteadyTurning(NamedTuple):
-    """Both drives at one motor speed and full duty: torques [N m] of the motors, currents [A], speed [rev/s]."""
+    """Both drives at one motor speed and full duty: motor torques [N m], currents [A], speed [rev/s]."""
 
     speed: float
     currents: tuple[float, float]
@@ -78,7 +78,7 @@ class SteadyTurning(NamedTuple):
 
 
 def rest_of(vehicle: Vehicle, seed: int = 0) -> Rest:
-    """Return a vehicle at rest, not latched, in the surroundings of its file.
+    """Return a vehicle at rest, unlatched, in the surroundings of its file.
 
     `seed` draws the friction's variation from run to run, as in a run.
     """
@@ -92,7 +92,7 @@ def net_torque(rest: Rest, angle: float) -> float:
 
 
 def frictions(rest: Rest, angle: float) -> Frictions:
-    """Return both drives' friction at an angle [rad] and the ambient temperature, relative to the nominal one."""
+    """Return both drives' friction at a gate angle [rad], at ambient temperature, relative to nominal."""
     state = initial_state(rest.plant, angle)
     given = frictions_in(rest.friction, rest.plant, state, 0.0)
     return dynamics.frictions_at(rest.plant, Inputs(_OFF, _OFF, rest.load, given))
@@ -117,7 +117,7 @@ def force_of(drive: Drive, torque: float, nominal: float, along: float, speed: f
 def drives_torque(
     rest: Rest, torques: tuple[float, float], angle: float, along: float, speed: float = 0.0
 ) -> float:
-    """Return the torque [N m] of both drives on the gate at an angle [rad], for torques [N m] of their motors."""
+    """Return the torque [N m] of both drives on the gate at an angle [rad], for given motor torques [N m]."""
     own = frictions(rest, angle)
     left, right = torques
     force = force_of(rest.plant.left, left, own.left, along, speed)
@@ -126,7 +126,7 @@ def drives_torque(
 
 
 def turning(rest: Rest, duty: float, speed: float = 0.0) -> SteadyTurning:
-    """Return both motors at a duty and a speed [rev/s] in the steady state, 0: stalled, on the load's supply.
+    """Return both motors at a duty and a steady speed [rev/s], 0: stalled, on the load's supply.
 
     They share the source's resistance (`motor.solve_windings`); windings and magnets are at ambient temperature.
     """
@@ -157,7 +157,7 @@ def turning(rest: Rest, duty: float, speed: float = 0.0) -> SteadyTurning:
 
 
 def most_efficient(rest: Rest) -> SteadyTurning:
-    """Return both motors at full duty at the speed of best efficiency: force times travel over electrical power.
+    """Return both motors at full duty at their most efficient speed: force times travel over electrical power.
 
     Friction is that at half the travel. Stalled, where the drives cannot turn at all.
     """
@@ -178,13 +178,13 @@ def most_efficient(rest: Rest) -> SteadyTurning:
 
 
 def balance_over(rest: Rest, angles: Floats) -> Balance:
-    """Return the torques [N m] on the gate at rest at angles [rad], (n,); the latch is released."""
+    """Return the torques [N m] on the unlatched gate at rest over angles [rad], (n,)."""
     rows = [_balance_at(rest, angle) for angle in angles.tolist()]
     return Balance(angles, *np.array(rows).T)
 
 
 def margin(rest: Rest, torques: tuple[float, float], angle: float, along: float) -> float:
-    """Return by how much [N m] motors of these torques [N m] exceed what holds the gate at an angle [rad].
+    """Return the excess torque [N m] of motors with these torques [N m] over what holds a gate at an angle [rad].
 
     Above 0 the gate starts from rest to the side of `along`, OPENING or CLOSING; torques of 0: by itself.
     """
@@ -193,7 +193,7 @@ def margin(rest: Rest, torques: tuple[float, float], angle: float, along: float)
 
 
 def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> StaticMap:
-    """Return where the gate stays and where its drives start it, over slopes [rad], angles [rad] and supplies [V].
+    """Return the StaticMap (margins for staying and starting) over slopes [rad], angles [rad] and supplies [V].
 
     The margins are those of `margin`. What the drives give does not depend on the slope, and what the gate asks
     for not on the voltage, so that each is evaluated once.
@@ -223,13 +223,13 @@ def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> St
 
 
 def _cold(rest: Rest) -> DriveState:
-    """Return the state of a drive at rest and at ambient temperature."""
+    """Return the state of a resting drive at ambient temperature."""
     ambient = rest.load.ambient_temperature
     return DriveState(0.0, 0.0, 0.0, ambient, ambient, ambient)
 
 
 def _balance_at(rest: Rest, angle: float) -> tuple[float, ...]:
-    """Return the torques of a Balance but its angle."""
+    """Return the torques of a Balance at one angle [rad]."""
     plant, load = rest.plant, rest.load
     link, ambient = plant.link, load.ambient_temperature
     extended, lever = gate.extension(link, angle), gate.lever(link, angle)

@@ -27,5 +27,5 @@ class Supply(NamedTuple):
 def terminal_voltage(
     supply_voltage: float, internal_resistance: float, drawn_left: float, drawn_right: float
 ) -> float:
-    """Return U_terminal [V] at the bridges, for the currents [A] that they draw."""
+    """Return U_terminal [V] at the bridges, for the currents [A] that they draw from the source."""
     return supply_voltage - internal_resistance * (drawn_left + drawn_right)

@@ -23,7 +23,7 @@ _MOST_ROUNDS = 4  # iterations for two bridges on one source; each leaves R_sour
 
 
 class Fed(NamedTuple):
-    """A bridge on the source and its motor."""
+    """A bridge on the source, with its motor."""
 
     chopper: Chopper  # with period 0 only the mean of the PWM is modelled
     duty: float  # signed; 0: nothing is drawn from the source
@@ -33,13 +33,13 @@ class Fed(NamedTuple):
 
 @compilable
 def is_chopped(fed: Fed) -> bool:
-    """Whether a bridge switches."""
+    """Whether a bridge is modelled as switching."""
     return fed.chopper.period > 0.0 and 0.0 < abs(fed.duty) < 1.0
 
 
 @compilable
 def drawn_share(period: float, freewheeling: float, duty: float) -> float:
-    """Return the share of a current along the duty that the source supplies, if it is constant over the period."""
+    """Return the share of a constant current along the duty that the source supplies over the period."""
     if period > 0.0 and freewheeling == FAST:
         return 2.0 * abs(duty) - 1.0
     return abs(duty)
@@ -47,7 +47,7 @@ def drawn_share(period: float, freewheeling: float, duty: float) -> float:
 
 @compilable
 def averaged(fed: Fed, source: float, resistance: float) -> Course:
-    """Return the waveform of a bridge that does not switch, or is taken as its mean.
+    """Return the current waveform of a bridge that does not switch, or is modelled by its mean.
 
     The source is behind a resistance.
     """
@@ -62,7 +62,7 @@ def averaged(fed: Fed, source: float, resistance: float) -> Course:
 
 @compilable
 def branch_of(fed: Fed, period: float) -> Branch:
-    """Return the branch of a bridge that switches, or is fully on, with a period [s]."""
+    """Return the Branch of a bridge that switches with a period [s], or is fully on."""
     chopper = fed.chopper
     return Branch(
         Chopper(chopper.freewheeling, period, chopper.drop, chopper.resistance, chopper.inductance),
@@ -91,7 +91,7 @@ def with_sums(branch: Branch, sums: Sums, terminal: float) -> Course:
 
 @compilable
 def alone(fed: Fed, source: float, resistance: float) -> Course:
-    """Return the waveform of a bridge that is alone on the source."""
+    """Return the current waveform of a bridge that is alone on the source."""
     if not is_chopped(fed):
         return averaged(fed, source, resistance)
     branch = branch_of(fed, fed.chopper.period)
@@ -102,7 +102,7 @@ def alone(fed: Fed, source: float, resistance: float) -> Course:
 
 @compilable
 def are_in_step(left: Fed, right: Fed) -> bool:
-    """Whether both bridges have the same period, where one of them may be fully on all the time."""
+    """Whether both bridges switch with the same period, or one of them is fully on."""
     if left.duty == 0.0 or right.duty == 0.0:
         return False
     if is_chopped(left) and is_chopped(right):
@@ -113,7 +113,7 @@ def are_in_step(left: Fed, right: Fed) -> bool:
 
 @outlined
 def courses(left: Fed, right: Fed, source: float, resistance: float) -> tuple[Course, Course]:
-    """Return both currents' waveforms, each along its duty, on a source [V] behind a resistance [Ω].
+    """Return both motors' current waveforms, positive along the duty, on a source [V] behind a resistance [Ω].
 
     The waveform of a bridge that draws nothing is its present current.
     """

@@ -39,7 +39,7 @@ class Thermal(NamedTuple):
 
 @compilable
 def resistance_factor(thermal: Thermal, winding: float) -> float:
-    """Return R/R_20 at a winding temperature [°C]."""
+    """Return the winding's resistance R/R_20 at a temperature [°C]."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.copper_coefficient * (winding - 20.0))
@@ -47,7 +47,7 @@ def resistance_factor(thermal: Thermal, winding: float) -> float:
 
 @compilable
 def flux_factor(thermal: Thermal, housing: float) -> float:
-    """Return Φ/Φ_20 at a housing temperature [°C]."""
+    """Return the magnets' flux Φ/Φ_20 at a housing temperature [°C]."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.magnet_coefficient * (housing - 20.0))
@@ -55,7 +55,7 @@ def flux_factor(thermal: Thermal, housing: float) -> float:
 
 @compilable
 def winding_soon(thermal: Thermal, winding: float, housing: float, loss: float, ahead: float) -> float:
-    """Return the winding temperature [°C] after a short time `ahead` [s] with its present loss [W]."""
+    """Return the winding temperature [°C] after a short time `ahead` [s] at its present loss [W]."""
     if thermal.enabled == 0.0:
         return winding
     flow = loss - (winding - housing) / thermal.winding_resistance
@@ -66,7 +66,7 @@ def winding_soon(thermal: Thermal, winding: float, housing: float, loss: float, 
 def warm(
     thermal: Thermal, winding: float, housing: float, ambient: float, loss: float, step: float
 ) -> tuple[float, float]:
-    """Return both temperatures [°C] after a step with the winding's mean loss [W].
+    """Return the temperatures [°C] of winding and housing after a step with the winding's mean loss [W].
 
     One implicit Euler step of the linear pair: stable at any step, and steps are far shorter than its time
     constants of seconds.

@@ -28,7 +28,7 @@ class Torsion(NamedTuple):
 
 
 class TwistMomentum(NamedTuple):
-    """Momentum balance of the twist alone over a step: own ψ̇1 = constant + all other torques."""
+    """Momentum balance of the twist without other torques over a step: own ψ̇1 = constant + other torques."""
 
     own: float  # N m s/rad
     constant: float  # N m
@@ -42,13 +42,13 @@ def is_rigid(torsion: Torsion) -> bool:
 
 @compilable
 def share_at(torsion: Torsion, lateral: float) -> float:
-    """Return y/w of a lateral position [m], positive to the left; 0 where the gate is rigid."""
+    """Return y/w for a lateral position y [m], positive to the left; 0 for a rigid gate."""
     return 0.0 if torsion.stiffness == 0.0 else lateral / torsion.half_width
 
 
 @compilable
 def twist_momentum(torsion: Torsion, twist: float, rate: float, step: float) -> TwistMomentum:
-    """Return the balance of inertia, spring and damper over a step in which the rate changes linearly."""
+    """Return the twist's momentum balance (inertia, spring, damper) over a step with linearly changing rate."""
     beta = 1.0 / 6.0
     if torsion.stiffness * step * step > _FAST * torsion.inertia:
         beta = 0.25

@@ -108,7 +108,7 @@ def coulomb_torque(motor: Motor, gear: Gear, spindle: Spindle) -> float:
 
 @compilable
 def temperature_factor(coefficient: float, ambient: float) -> float:
-    """Return the friction factor at an ambient temperature [°C], 1 at 20 °C.
+    """Return the friction factor at an ambient temperature [°C]; 1 at 20 °C.
 
     Cold makes the gear slower (§4.2.1).
     """
@@ -134,7 +134,7 @@ def mechanism_push(
     mobility: float,
     step: float,
 ) -> contact.LinearizedForce:
-    """Return the mean force on the gate over a step, linear in the extension's rate at its end."""
+    """Return a mechanism's mean force on the gate over a step, linear in the extension's final rate."""
     depth = extension - half_play
     when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
     pushing = contact.push(stiffness, damping, depth, rate, mobility, step, when)

@@ -28,7 +28,7 @@ from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
 
 
 class DriveTables(NamedTuple):
-    """Tables that exist per drive; a file gives them once, or per drive under [left]/[right]."""
+    """Tables of a vehicle file that each drive has; given once, or per drive under [left]/[right]."""
 
     motor: Motor
     gear: Gear
@@ -119,7 +119,7 @@ def plant_of(vehicle: Vehicle) -> Plant:
 
 
 def load_of(vehicle: Vehicle) -> Load:
-    """Return the load that the vehicle file describes, with the latch not released and no obstacle."""
+    """Return the load described by the vehicle file, with the latch not released and no obstacle."""
     place: environment.Environment = vehicle.environment
     return Load(
         supply_voltage=vehicle.supply.voltage,

@@ -36,14 +36,14 @@ class BitPlace(NamedTuple):
 
 @compilable
 def place_at(places: Any, row: int) -> BitPlace:
-    """Return the Place in a row of a table of places."""
+    """Return the BitPlace in a row of a table of places."""
     place = places[row]
     return BitPlace(place.byte, place.shift, place.length, place.stride, place.kind)
 
 
 @compilable
 def extract(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int) -> int:
-    """Return up to 32 bits of a frame (row of `data`) as an unsigned number; other arguments: as in Place."""
+    """Return up to 32 bits of a frame (row of `data`) as an unsigned number; other arguments: as in BitPlace."""
     raw = int(np.int64(data[row, byte])) >> shift
     have = 8 - shift
     while have < length:
@@ -55,7 +55,7 @@ def extract(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: in
 
 @compilable
 def insert(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int, raw: int) -> None:
-    """Write up to 32 bits into a frame (row of `data`) and leave the other bits as they are."""
+    """Write up to 32 bits into a frame (row of `data`), leaving the other bits unchanged."""
     left = length
     while left > 0:
         take = min(8 - shift, left)
@@ -84,7 +84,7 @@ def extract_long(data: NDArray[np.uint8], row: int, place: BitPlace) -> int:
 
 @outlined
 def insert_long(data: NDArray[np.uint8], row: int, place: BitPlace, raw: int) -> None:
-    """Write up to 64 bits into a frame (row of `data`), leaving the other bits as they are; see `extract_long`."""
+    """Write up to 64 bits into a frame (row of `data`), leaving the other bits unchanged; see `extract_long`."""
     first = min(place.length, 32)
     insert(data, row, place.byte, place.shift, first, place.stride, raw & 0xFFFFFFFF)
     if place.length > 32:
@@ -95,7 +95,7 @@ def insert_long(data: NDArray[np.uint8], row: int, place: BitPlace, raw: int) ->
 
 @compilable
 def joined(high: int, low: int) -> int:
-    """Return two words of 32 bits joined into one number of 64 bits, two's complement."""
+    """Return two 32-bit words joined into one 64-bit number, two's complement."""
     if high >= 0x80000000:
         high -= 0x100000000
     return (high << 32) | low
@@ -124,7 +124,7 @@ def read_number(data: NDArray[np.uint8], row: int, place: BitPlace) -> float:
 
 @compilable
 def write_number(data: NDArray[np.uint8], row: int, place: BitPlace, value: float) -> None:
-    """Write a raw value to its place: an integral number within the signal's range, or any float."""
+    """Write a signal's raw value into a frame: an integer within the signal's range, or any float."""
     length = place.length
     if place.kind == FLOAT32:
         word = int(np.int64(np.float32(value).view(np.uint32)))

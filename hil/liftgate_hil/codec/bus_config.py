@@ -1,4 +1,4 @@
-"""Layout of a database and a signal mapping as the tables that the loop works on.
+"""Conversion of a database and a signal mapping into the tables that the loop works on.
 
 Each message has one row, each mapped signal one per alternative of its multiplexers' values. The same tables serve
 both ends of the bus: the emulator receives a rig's inputs and sends its outputs, an ECU the other way round.
@@ -49,13 +49,13 @@ class SignalMapping:
     saturates: bool = False
 
     def quantity_range(self, signal: Signal) -> tuple[float, float]:
-        """Return the range of the signal in the quantity's unit."""
+        """Return the range of the database's signal in the quantity's unit."""
         ends = [self.scale * end + self.offset for end in physical_range(signal)]
         return min(ends), max(ends)
 
 
 def mapping_named(name: str) -> SignalMapping:
-    """Return the mapping of a signal (`Message.Signal`), unconverted, to a quantity of the same name."""
+    """Return the unconverted mapping of a signal (`Message.Signal`) to a quantity of the same name."""
     message, _, signal = name.partition(".")
     return SignalMapping(name, message, signal)
 
@@ -66,7 +66,7 @@ def identifier_of(message: Message) -> int:
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
-    """Return the range of raw values that the signal's bits can hold."""
+    """Return the range of raw values that a signal's bits can hold."""
     if signal.is_float:
         top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
         return -top, top
@@ -77,7 +77,7 @@ def raw_range(signal: Signal) -> tuple[float, float]:
 
 
 def physical_range(signal: Signal) -> tuple[float, float]:
-    """Return the database's range within what the bits can hold, or all of the latter where it has none."""
+    """Return the database's range of a signal limited to what its bits hold, or the bits' range without one."""
     factor, offset = _conversion(signal)
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
@@ -88,7 +88,7 @@ def physical_range(signal: Signal) -> tuple[float, float]:
 
 
 def counted_range(signal: Signal) -> tuple[int, int]:
-    """Return the lowest and the highest raw value of a whole number by the database's range and its bits."""
+    """Return the lowest and highest raw value of an integer signal by the database's range and its bits."""
     factor, offset = _conversion(signal)
     if factor == 0.0:
         return 0, int(raw_range(signal)[1])
@@ -104,9 +104,9 @@ def build_bus_config(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """Return the tables for these mappings; what cannot be laid out is noted in `issues`.
+    """Return the tables for these signal mappings; what cannot be laid out is noted in `issues`.
 
-    `messages` are those of the database by name, `options` those of the rig by message. `quantities` are all that
+    `messages` are the database's by name, `options` the rig's by message. `quantities` are all that
     can be mapped, in the order of the values that the tables refer to. `sending`: the loop sends the messages
     rather than receives them.
     """
@@ -156,7 +156,7 @@ def build_bus_config(
 
 @functools.cache
 def _no_tables() -> BusConfig:
-    """Return the tables of no signals, in which nothing is ever written."""
+    """Return empty tables, of no signals, in which nothing is ever written."""
     return TableRows().bus()
 
 
@@ -167,7 +167,7 @@ def tables_named(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """Return the tables of signals (`Message.Signal`), unconverted, in the database's units.
+    """Return the tables of named signals (`Message.Signal`), unconverted, in the database's units.
 
     Their values have the same places as in `names`.
     """
@@ -182,7 +182,7 @@ def _conversion(signal: Signal) -> tuple[float, float]:
 
 
 def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> bool:
-    """Whether the signal can carry a number at all; if not, the reason is noted in `issues`."""
+    """Whether a signal can carry a quantity's number at all; if not, the reason is noted in `issues`."""
     name = f"{wire.message}.{wire.signal}"
     if signal.is_float and signal.length not in (32, 64):
         issues.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
@@ -201,7 +201,7 @@ def _check_overlap(
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
-    """Note where a sent signal carries two quantities, or a signal one and a part of the protection."""
+    """Note an issue where a sent signal carries two quantities, or a signal a quantity and protection."""
     taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),
@@ -246,7 +246,7 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
 
 
 def _enumeration(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> list[tuple[float, float]]:
-    """Return pairs of a quantity's value and its physical value, where the mapping names them."""
+    """Return pairs (quantity's value, physical value) for each name in the mapping's `values`."""
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
     pairs = []
@@ -258,7 +258,7 @@ def _enumeration(wire: SignalMapping, signal: Signal, quantity: signals.Signal) 
 
 
 def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[BitPlace, int], ...]]:
-    """Return the alternatives of `multiplexer_values` with the multiplexers' places instead of their names."""
+    """Return the alternatives of `multiplexer_values` with bit places in place of multiplexer names."""
     return [
         tuple((place_of(message.get_signal_by_name(name)), value) for name, value in chain.items())
         for chain in multiplexer_values(message, signal.name)
@@ -280,7 +280,7 @@ def _message_row(
 
 
 def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:
-    """Return the payload of a page with every signal that is on it at its start value, see `raw_start`.
+    """Return the payload of a multiplexer page with all its signals at their start values, see `raw_start`.
 
     `page` has the values of the multiplexers, by name.
     """
@@ -295,7 +295,7 @@ def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8
 
 
 def raw_start(signal: Signal) -> float:
-    """Return a signal's start value as it is on the bus (GenSigStartValue); 0 where the database has none."""
+    """Return a signal's raw start value (GenSigStartValue); 0 if the database has none."""
     raw = signal.raw_initial
     if raw is None or isinstance(raw, str):
         return 0.0
@@ -304,7 +304,7 @@ def raw_start(signal: Signal) -> float:
 
 
 def start_value(signal: Signal) -> float:
-    """Return a signal's start value [the database's unit]."""
+    """Return a signal's physical start value [the database's unit]."""
     return float(signal.scale) * raw_start(signal) + float(signal.offset)
 
 
@@ -324,7 +324,7 @@ def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
 
 
 def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
-    """Return the sets of multiplexer values with which a message is sent in turn, its pages.
+    """Return a message's pages: the sets of multiplexer values with which it is sent in turn.
 
     Each mapped signal is on at least one page.
     """
@@ -348,7 +348,7 @@ def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
 
 
 def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
-    """Whether a signal that is in the frame with the multiplexer values `chains` is on a page."""
+    """Whether a signal with the alternatives `chains` of multiplexer values is on a page."""
     return any(page.items() >= chain.items() for chain in chains)
 
 

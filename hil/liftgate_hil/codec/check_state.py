@@ -1,4 +1,4 @@
-"""Checks whether a frame is the next one: alive counters, and the state machine of AUTOSAR E2E.
+"""Sequence checks of received frames: alive counters, and the state machine of AUTOSAR E2E.
 
 A simple counter must change. An E2E profile (AUTOSAR_PRS_E2EProtocol, R21-11: E2E_PxxCheck) distinguishes
 repetition, loss up to a tolerated number and wrong sequence; each cycle in which no frame came raises the
@@ -34,13 +34,13 @@ _OTHER, _OK, _ERROR = range(3)
 
 @compilable
 def missing(last: int, counter: int, modulus: int) -> int:
-    """Return the number of frames missing between two counters."""
+    """Return the number of frames missing between two counter values."""
     return (counter - last - 1) % modulus
 
 
 @compilable
 def place_of_simple(last: int, turn: int) -> int:
-    """Return the status of a frame with a simple alive counter: NEXT, FIRST, REPEATED or WRONG.
+    """Return the counter status of a frame with a simple alive counter: NEXT, FIRST, REPEATED or WRONG.
 
     `turn` is the counter's index in its sequence (-1: no valid value), `last` that of the frame before (-1: none).
     """
@@ -55,7 +55,7 @@ def place_of_simple(last: int, turn: int) -> int:
 def place_in_sequence(
     modulus: int, profile: Any, memory: NDArray[np.int64], last: int, turn: int, late: int
 ) -> int:
-    """Return the status of a frame with an E2E profile and a correct checksum: any but BAD_SUM.
+    """Return the counter status of an E2E-protected frame with a correct checksum: any but BAD_SUM.
 
     `turn` is the turn of its counter, which repeats after `modulus` turns, `last` that of the frame before (-1:
     none), `late` the number of cycles in which no frame came. `profile` is the message's row of tables.END_TO_END;
@@ -80,7 +80,7 @@ def place_in_sequence(
 def checked(
     profile: Any, memory: NDArray[np.int64], modulus: int, is_sound: bool, last: int, turn: int, late: int
 ) -> int:
-    """Return the status of a profile's frame and advance the state machine of its message.
+    """Return the status of an E2E-protected frame and advance the state machine of its message.
 
     The status results from the checksum (`is_sound`) and the place in the sequence. A counter value that the
     profile does not have (`turn` -1: 15 in profile 1) is an error like a bad checksum, but leaves the machine as
@@ -97,13 +97,13 @@ def checked(
 
 @compilable
 def is_qualified(memory: NDArray[np.int64], status: int) -> bool:
-    """Whether the data of a profile's frame may be used, after `checked`."""
+    """Whether the data of an E2E-protected frame may be used, after `checked`."""
     return bool(memory[STATE] == VALID and status != SYNCHRONISING)
 
 
 @compilable
 def note_status(profile: Any, memory: NDArray[np.int64], status: int) -> None:
-    """Advance a profile's state machine by one frame (E2E_SMCheck)."""
+    """Advance the E2E state machine of a message by the status of one frame (E2E_SMCheck)."""
     state = int(memory[STATE])
     if state == NODATA:
         if status != BAD_SUM:
@@ -130,5 +130,5 @@ def note_status(profile: Any, memory: NDArray[np.int64], status: int) -> None:
 
 @compilable
 def forget(memory: NDArray[np.int64]) -> None:
-    """Reset the E2E check state to that before the first frame."""
+    """Reset a message's E2E check state to that before the first frame."""
     memory[:] = 0

@@ -28,7 +28,7 @@ DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble":
 
 
 def _table(polynomial: int, kind: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
-    """Return the register (256,) after each byte, from 0, in numbers of the CRC's width."""
+    """Return the lookup table (256,) of a CRC: its register after each byte, from 0."""
     table = np.zeros(256, dtype=kind)
     bits = 8 * table.itemsize
     for index in range(256):
@@ -46,19 +46,19 @@ _CCITT = _table(0x1021, np.uint16)  # CRC-16/CCITT-FALSE
 
 @compilable
 def crc8_byte(crc: int, byte: int) -> int:
-    """Return the CRC-8 SAE J1850 after one more byte."""
+    """Return the register of a CRC-8 SAE J1850 after one more byte."""
     return int(np.int64(_J1850[crc ^ byte]))
 
 
 @compilable
 def crc8h2f_byte(crc: int, byte: int) -> int:
-    """Return the CRC-8 with the polynomial 0x2F after one more byte."""
+    """Return the register of a CRC-8 with the polynomial 0x2F (CRC8H2F) after one more byte."""
     return int(np.int64(_H2F[crc ^ byte]))
 
 
 @compilable
 def crc16_byte(crc: int, byte: int) -> int:
-    """Return the CRC-16/CCITT-FALSE after one more byte."""
+    """Return the register of a CRC-16/CCITT-FALSE after one more byte."""
     return ((crc << 8) & 0xFF00) ^ int(np.int64(_CCITT[(crc >> 8) ^ byte]))
 
 
@@ -106,9 +106,9 @@ def profile_5(table: Any, profile: Any, data: NDArray[np.uint8], row: int) -> in
 
 @outlined
 def profile_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """Return the checksum that a frame (row of `data`) of an E2E profile must have.
+    """Return the correct checksum of a frame (row of `data`) with an E2E profile.
 
-    `table` is its row of tables.MESSAGE, `profile` that of tables.END_TO_END.
+    `table` is the message's row of tables.MESSAGE, `profile` its row of tables.END_TO_END.
     """
     if table.kind == E2E_P01:
         return profile_1(table, profile, counter, data, row)
@@ -119,7 +119,7 @@ def profile_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.ui
 
 @outlined
 def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
-    """Return the checksum of a simple kind that a frame (row of `data`) must have.
+    """Return the correct checksum of a simple kind for a frame (row of `data`).
 
     `table` is its row of tables.MESSAGE.
     """
@@ -143,7 +143,7 @@ def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
 
 @compilable
 def expected_checksum(bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """Return the checksum that a frame (row of `data`) must have; its message must be one with a checksum."""
+    """Return the correct checksum of a frame (row of `data`), whose message must have a checksum signal."""
     table = bus.messages[message]
     if table.kind == OWN:
         return rocksoft(bus.own_checksums[table.own], bus.places, data, row)
@@ -154,17 +154,17 @@ def expected_checksum(bus: BusConfig, message: int, counter: int, data: NDArray[
 
 @compilable
 def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> int:
-    """Return the checksum that a frame contains; its message must be one with a checksum."""
+    """Return the checksum that a frame contains; its message must have a checksum signal."""
     return extract_long(data, row, place_at(bus.places, bus.messages[message].checksum))
 
 
 @compilable
 def write_checksum(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int) -> None:
-    """Write a checksum into a frame."""
+    """Write a given checksum into a frame."""
     insert_long(data, row, place_at(bus.places, bus.messages[message].checksum), value)
 
 
 @compilable
 def put_checksum(bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int) -> None:
-    """Write the correct checksum into a frame that already contains its counter."""
+    """Compute and write the correct checksum into a frame that already contains its counter."""
     write_checksum(bus, message, data, row, expected_checksum(bus, message, counter, data, row))

@@ -27,15 +27,15 @@ class Counting:
     highest: int | None = None  # None: the largest value of its signal
 
     def start_value(self) -> int:
-        """Return the value of the first frame."""
+        """Return the counter's value in the first frame."""
         return self.lowest if self.start is None else self.start
 
     def highest_value(self, bits: int) -> int:
-        """Return the largest value of a counter of `bits` bits."""
+        """Return the largest value that a counter of `bits` bits takes."""
         return (1 << bits) - 1 if self.highest is None else self.highest
 
     def columns(self, bits: int) -> dict[str, int]:
-        """Return the columns of tables.MESSAGE for a counter of `bits` bits."""
+        """Return the columns of tables.MESSAGE that describe a counter of `bits` bits."""
         span = self.highest_value(bits) - self.lowest + 1
         grain = math.gcd(self.step, span)
         modulus = span // grain
@@ -52,7 +52,7 @@ class Counting:
 
 @compilable
 def turn_of(table: Any, value: int) -> int:
-    """Return the turn at which a counter has a value, −1 if never; `table` is its row of tables.MESSAGE."""
+    """Return the turn at which a counter has this value, −1 if never; `table` is its row of tables.MESSAGE."""
     above = value - table.lowest
     if above < 0 or above >= table.span:
         return -1

@@ -50,7 +50,7 @@ def frame_flags(identifier: int) -> int:
 
 @compilable
 def with_canfd_flags(identifier: int, flags: int) -> int:
-    """Return the identifier of a CAN FD frame with the flags of `struct canfd_frame`."""
+    """Return an identifier marked as CAN FD, with the flags of `struct canfd_frame`."""
     identifier |= FD
     if flags & CANFD_BRS != 0:
         identifier |= BRS
@@ -61,7 +61,7 @@ def with_canfd_flags(identifier: int, flags: int) -> int:
 
 @compilable
 def canfd_flags(identifier: int) -> int:
-    """Return the flags of `struct canfd_frame`; 0: it is no CAN FD frame."""
+    """Return the flags of `struct canfd_frame` for an identifier; 0: it is of no CAN FD frame."""
     if identifier & FD == 0:
         return 0
     flags = CANFD_FDF
@@ -74,7 +74,7 @@ def canfd_flags(identifier: int) -> int:
 
 @compilable
 def bits_of(identifier: int, length: int) -> int:
-    """Return the length of a frame on the wire in bits, without stuffing.
+    """Return the length of a CAN frame on the bus in bits, without stuffing.
 
     It is 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended one (ISO 11898-1, with the interframe
     space). For CAN FD it is a rough upper bound.
@@ -95,7 +95,7 @@ LOGGED = np.dtype(
 
 
 def empty_frames(capacity: int) -> Frames:
-    """Return frame arrays with room for `capacity` frames and none in them."""
+    """Return empty frame arrays with room for `capacity` frames."""
     return Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
@@ -110,7 +110,7 @@ def no_logged() -> NDArray[np.void]:
 
 
 def logged(frames: Frames, time_ns: int, is_sent: bool) -> NDArray[np.void]:
-    """Return frames as rows (n,) of LOGGED, all with the same timestamp."""
+    """Return frames as rows (n,) LOGGED, all with the same timestamp."""
     rows = np.zeros(frames.count, dtype=LOGGED)
     rows["time_ns"], rows["is_sent"] = time_ns, is_sent
     rows["identifier"] = frames.identifiers[: frames.count]

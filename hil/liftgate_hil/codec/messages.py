@@ -1,4 +1,4 @@
-"""The messages of a database by their names, and what of it is left out as it is faulty."""
+"""Messages of a database by name, with reasons for those left out because of errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Messages(dict[str, "Message"]):
-    """Messages of a database by name.
+    """Messages of a database by name, with notes on those left out.
 
     `left_out` says by name why others cannot be used; `notes` has a line for all that was left out of the file.
     """
@@ -26,7 +26,7 @@ class Messages(dict[str, "Message"]):
         self.notes = tuple(notes)
 
     def why_not(self, name: str) -> str:
-        """Return why a message cannot be used, as an issue's text; "": it can, or the database has none."""
+        """Return as an issue's text why a message cannot be used; "": it can, or the database has none."""
         if name not in self.left_out:
             return ""
         return f"{name} cannot be used: {self.left_out[name]}; allowed: a message without a fault"

@@ -1,4 +1,4 @@
-"""Protection of messages: the settings in a rig, and the columns of a message's row in the tables."""
+"""Protection of messages by counter and checksum: settings in a rig, and columns in the loop's tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BY_ONE = Counting()  # by 1 from 0 on, as wide as its signal
 
 @dataclass(frozen=True)
 class EndToEnd:
-    """Settings of an AUTOSAR E2E profile; by default its state machine lets no frame with an error through."""
+    """Settings of an AUTOSAR E2E profile; by default its state machine rejects every frame with an error."""
 
     profile: str  # one of checksum.PROFILES
     data_ids: tuple[int, ...]  # one; in profile 2 sixteen
@@ -37,7 +37,7 @@ class EndToEnd:
     max_error: tuple[int, int, int] = (0, 0, 0)
 
     def row(self, nibble: int) -> tuple[Any, ...]:
-        """Return the row of tables.END_TO_END; `nibble` is the row of its place, or −1."""
+        """Return the settings as a row of tables.END_TO_END; `nibble` is the row of its bit place, or −1."""
         mode = checksum.DATA_ID_MODES[self.data_id_mode]
         ids = (self.data_ids * 16)[:16]
         return ids, mode, nibble, self.max_delta, self.sync, self.window, self.min_ok, self.max_error
@@ -45,7 +45,7 @@ class EndToEnd:
 
 @dataclass(frozen=True)
 class MessageOptions:
-    """Settings of a rig for a message, besides its signals; None: as in the database."""
+    """A rig's settings for a message, apart from its signals; None: as in the database."""
 
     cycle_ms: float | None = None
     timeout_cycles: float = 3.0
@@ -59,7 +59,7 @@ class MessageOptions:
 
 
 def place_of(signal: Signal) -> BitPlace:
-    """Return the position of a signal's bits."""
+    """Return the BitPlace of a database's signal in its message."""
     kind = SIGNED if signal.is_signed else UNSIGNED
     if signal.is_float:
         kind = FLOAT32 if signal.length == 32 else FLOAT64
@@ -71,7 +71,7 @@ def place_of(signal: Signal) -> BitPlace:
 
 
 def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
-    """Return the mask (bytes,) of the bits of a message that a signal fills."""
+    """Return the mask (bytes,) of a message's payload bits that a signal occupies."""
     place = place_of(message.get_signal_by_name(name))
     bits = np.zeros(message.length, dtype=np.uint8)
     byte, bit = place.byte, place.shift
@@ -84,7 +84,7 @@ def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
 
 
 def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
-    """Return the signals of a message that its protection or multiplexer sets."""
+    """Return the signals of a message that its protection or its multiplexer sets."""
     own = options or MessageOptions()
     nibble = own.e2e.nibble if own.e2e else None
     multiplexers = [each.name for each in message.signals if each.is_multiplexer]
@@ -94,9 +94,9 @@ def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
 def protection_row(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns of a message that describe its protection by counter and checksum.
+    """Return the columns of a message's row that describe its protection by counter and checksum.
 
-    These are simple, defined by parameters, or those of an E2E profile. What does not fit is noted in `issues`.
+    The checksum is simple, defined by parameters, or an E2E profile's. What does not fit is noted in `issues`.
     """
     key, e2e = f"messages.{message.name}", options.e2e
     for name in (options.counter, options.checksum, e2e.nibble if e2e else None):
@@ -127,7 +127,7 @@ def protection_row(
 def _counter_columns(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns for the place of a counter and how it counts."""
+    """Return the columns that describe a counter: its bit place, and how it counts."""
     if options.counter is None:
         return {"counter": -1, **BY_ONE.columns(1)}
     place, counting, e2e = (place_of(message.get_signal_by_name(options.counter)), options.counting, options.e2e)
@@ -152,7 +152,7 @@ def _counter_columns(
 def _checksum_columns(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns for the place of a checksum and its kind."""
+    """Return the columns that describe a checksum: its bit place and its kind."""
     if options.checksum is None:
         return {"kind": checksum.NONE, "checksum": -1, "checksum_byte": -1}
     place, e2e = place_of(message.get_signal_by_name(options.checksum)), options.e2e

@@ -1,4 +1,4 @@
-"""Frames to quantities: which frames are mapped messages, which are valid, and what values they carry.
+"""Reception: conversion of frames to quantities, with checks which frames are mapped and valid.
 
 Each frame is counted under exactly one cause. A valid frame is accepted as a whole, a rejected one not at all.
 Quantities of a message that was never received, or went stale, are NaN.
@@ -40,7 +40,7 @@ FOREIGN_SLOTS = 4096
 
 @compilable
 def slot_of(identifier: int) -> int:
-    """Return the place of an identifier in `Reception.foreign`; those of two may be the same."""
+    """Return the slot of an identifier in `Reception.foreign`; two identifiers may share one."""
     return (identifier ^ (identifier >> 12)) & (FOREIGN_SLOTS - 1)
 
 
@@ -81,7 +81,7 @@ class Reception(NamedTuple):
 
 
 def nothing_received(bus: BusConfig, quantities: int) -> Reception:
-    """Return the reception state before the first frame."""
+    """Return the initial reception state, before the first frame."""
     messages = len(bus.messages)
     return Reception(
         np.full(quantities, np.nan),
@@ -100,13 +100,13 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
 
 @compilable
 def rejected(counts: Counts) -> int:
-    """Return how many frames of mapped messages were rejected."""
+    """Return the number of rejected frames of mapped messages."""
     return counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
 
 
 @compilable
 def find_message(bus: BusConfig, identifier: int) -> int:
-    """Return the row of the message with an identifier, or -1."""
+    """Return the table row of the message with this identifier, or -1."""
     for row in range(len(bus.messages)):
         if bus.messages[row].identifier == identifier:
             return row
@@ -115,7 +115,7 @@ def find_message(bus: BusConfig, identifier: int) -> int:
 
 @compilable
 def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """Return the value of the signal in `row` of the tables [the database's unit]; `frame` is a row of `data`."""
+    """Return the physical value of the signal in `row` [the database's unit]; `frame` is a row of `data`."""
     signal = bus.signals[row]
     raw = read_number(data, frame, place_at(bus.places, signal.place))
     return float(raw * signal.factor + signal.offset)
@@ -123,7 +123,7 @@ def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """Return a signal's value in our quantity's unit; NaN outside the ranges of database, rig or quantity.
+    """Return a signal's value in the quantity's unit; NaN outside the ranges of database, rig or quantity.
 
     A signal with named values allows only those. Arguments as in `physical_of`.
     """
@@ -144,7 +144,7 @@ def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether a signal is in this frame, by the values of its multiplexers."""
+    """Whether a multiplexed signal is in this frame, by the values of its multiplexers."""
     signal = bus.signals[row]
     for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
         selector = bus.selectors[level]
@@ -155,13 +155,13 @@ def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> b
 
 @compilable
 def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
-    """Return the alive counter in a frame."""
+    """Return the alive counter's raw value in a frame."""
     return extract_long(data, frame, place_at(bus.places, bus.messages[message].counter))
 
 
 @outlined
 def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether the nibble of the data ID that profile 1 transmits in the frame is that of the message."""
+    """Whether the nibble of the data ID in a frame of E2E profile 1 is that of its message."""
     if profile.nibble < 0:
         return True
     sent = read_number(data, frame, place_at(places, profile.nibble))
@@ -172,7 +172,7 @@ def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) 
 def check(
     bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
-    """Return (cause, frames lost before it) by checksum and counter, and note their findings in `current`."""
+    """Return (cause, number of lost frames) by checksum and counter, and note the findings in `current`."""
     table, memory = bus.messages[message], current.memory[message]
     counter, turn = 0, -1
     if table.counter >= 0:
@@ -219,7 +219,7 @@ def check(
 def judge(
     bus: BusConfig, current: Reception, frames: Frames, frame: int, now_ns: int, read: NDArray[np.float64]
 ) -> tuple[int, int, int]:
-    """Return (cause, message, frames lost before it) of a frame.
+    """Return (cause, message, number of lost frames) for a received frame: accepted, or why rejected.
 
     The findings on checksum and counter are noted in `current`. The values of the signals go to `read` by their
     rows, NaN for a signal that is not in the frame or out of range.
@@ -256,7 +256,7 @@ def judge(
 
 @compilable
 def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.float64]) -> None:
-    """Store the quantities of a frame that was accepted."""
+    """Store the quantities of an accepted frame in the reception state."""
     table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(read[row]):
@@ -265,7 +265,7 @@ def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.floa
 
 @compilable
 def counted(counts: Counts, cause: int, lost: int) -> Counts:
-    """Return the counts with one more frame."""
+    """Return the counts of received frames with one more frame of a given outcome."""
     return Counts(
         counts.accepted + int(cause == ACCEPTED),
         counts.foreign + int(cause == FOREIGN),
@@ -305,7 +305,7 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
 
 @compilable
 def note_stale_time(bus: BusConfig, reception: Reception) -> None:
-    """Note the time at which the first message goes stale."""
+    """Note in the reception state when the first message goes stale."""
     first = _NEVER
     for message in range(len(bus.messages)):
         limit = bus.messages[message].timeout_ns
@@ -316,7 +316,7 @@ def note_stale_time(bus: BusConfig, reception: Reception) -> None:
 
 @compilable
 def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
-    """Set the quantities of messages whose time-out has expired to NaN; return how many messages went stale."""
+    """Set the quantities of timed-out messages to NaN; return the number of messages that went stale."""
     if now_ns < reception.stale_ns[0]:
         return 0
     stale = 0
@@ -337,7 +337,7 @@ def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
 def backdate(
     bus: BusConfig, reception: Reception, frames: Frames, stamps: NDArray[np.int64], until_ns: int, now_ns: int
 ) -> None:
-    """Let the time-outs of the messages accepted by a tick at `now_ns` start when their frames arrived.
+    """Start the time-outs of messages accepted in a tick at `now_ns` at their frames' arrival times.
 
     Frames that arrived before `until_ns`, on the clock of their `stamps`, are older than the other frames of the
     tick.
@@ -353,7 +353,7 @@ def backdate(
 
 @compilable
 def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
-    """Whether a frame has waited for longer than its message's time-out, so that its values are out of date."""
+    """Whether a frame has waited longer than its message's time-out, so that its values are out of date."""
     message = find_message(bus, identifier & ~FD_FLAGS)
     if message < 0:
         return False

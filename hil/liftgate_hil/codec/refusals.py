@@ -1,4 +1,4 @@
-"""The first frame rejected for each cause, as the codec saw it: what it found, and what it expected."""
+"""The first rejected frame of each cause: what the codec found in it, and what it expected."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ REFUSAL = np.dtype(
 
 
 def no_refusals() -> Any:
-    """Return (10,) REFUSAL by cause, and FD_FRAME, before the first frame; written in place."""
+    """Return the empty array (10,) REFUSAL by cause, and FD_FRAME; written in place."""
     return np.zeros(_ROWS, dtype=REFUSAL).view(np.recarray)
 
 
 @compilable
 def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected: float) -> None:
-    """Note what a frame has instead of what was expected, if it is the first with this cause.
+    """Note what was found in a rejected frame and what was expected, if it is the first with its cause.
 
     `signal` is the row of the signal that is out of range (-1: none); `found` and `expected` are as in REFUSAL.
     """
@@ -57,7 +57,7 @@ def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected
 
 @compilable
 def note_checksums(refusals: Any, found: int, expected: int) -> None:
-    """Note the found and the expected checksum of a frame, if it is the first with a wrong one."""
+    """Note the found and expected checksums of a frame, if it is the first with a wrong checksum."""
     if refusals[BAD_CHECKSUM].count == 0:
         refusals[BAD_CHECKSUM].checksum = found
         refusals[BAD_CHECKSUM].right_checksum = expected
@@ -65,7 +65,7 @@ def note_checksums(refusals: Any, found: int, expected: int) -> None:
 
 @compilable
 def note_outcome(refusals: Any, cause: int, message: int, now_ns: int) -> None:
-    """Count one more frame with this cause; for the first one, also note its time and message."""
+    """Count a frame under its cause; for the first one, also note its time and message."""
     row = refusals[cause]
     if row.count == 0:
         row.time_ns = now_ns

@@ -1,4 +1,4 @@
-"""Manufacturer-specific CRCs, defined by the parameters of the Rocksoft model, and the bytes that they cover.
+"""Manufacturer-specific CRCs defined by Rocksoft parameters, and the bytes that they cover.
 
 The model is that of R. N. Williams, "A painless guide to CRC error detection algorithms", 1993.
 
@@ -30,7 +30,7 @@ _MIRRORED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype
 
 @dataclass(frozen=True)
 class Covered:
-    """Bytes covered by a checksum, `first` to `last` in this order, which may be descending.
+    """Bytes covered by a checksum, from `first` to `last`; the order may be descending.
 
     Bytes of the payload are numbered from the start of the frame, those of a number from its least significant
     byte.
@@ -48,7 +48,7 @@ class Covered:
 
 @dataclass(frozen=True)
 class Rocksoft:
-    """A checksum defined by its parameters; the polynomial is given without its highest term."""
+    """Checksum defined by Rocksoft parameters; the polynomial is given without its highest term."""
 
     width: int  # bits, 1 to 64
     polynomial: int
@@ -60,7 +60,7 @@ class Rocksoft:
     data_ids: tuple[int, ...] = ()  # one, or one per value of the counter, modulo their number
 
     def row(self, identifier: int, masks: NDArray[np.uint8], counter: int) -> tuple[Any, ...]:
-        """Return the checksum's row of tables.OWN_CHECKSUM.
+        """Return the checksum's parameters as a row of tables.OWN_CHECKSUM.
 
         `masks` (bytes of the payload,) selects the bits that are not the checksum's own; `counter` is the row of
         the counter's place, or −1.
@@ -94,12 +94,12 @@ class Rocksoft:
 
 
 def _mirrored(value: int, width: int) -> int:
-    """Return a number of `width` bits with its bits in reverse order."""
+    """Return a number of `width` bits with the order of its bits reversed."""
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
 def _signed(value: int) -> int:
-    """Return a number of 64 bits as two's complement."""
+    """Return an unsigned 64-bit number as two's complement."""
     return value - (1 << 64) if value >> 63 else value
 
 
@@ -116,9 +116,9 @@ def _table(polynomial: int) -> NDArray[np.int64]:
 
 @outlined
 def rocksoft(own: Any, places: Any, data: NDArray[np.uint8], row: int) -> int:
-    """Return the checksum that a frame (row of `data`) with its counter must have.
+    """Return the correct checksum of a frame (row of `data`) that already has its counter.
 
-    `own` is its row of tables.OWN_CHECKSUM. A checksum of 64 bits is returned as two's complement.
+    `own` is the checksum's row of tables.OWN_CHECKSUM. A checksum of 64 bits is returned as two's complement.
     """
     counter = 0
     if own.counter >= 0:
@@ -146,7 +146,7 @@ def rocksoft(own: Any, places: Any, data: NDArray[np.uint8], row: int) -> int:
 
 @compilable
 def mirrored(value: int) -> int:
-    """Return a number of 64 bits with its bits in reverse order."""
+    """Return a 64-bit number with the order of its bits reversed."""
     high, low = 0, 0
     for byte in range(4):
         high = (high << 8) | int(_MIRRORED[(value >> (8 * byte)) & 0xFF])

@@ -1,4 +1,4 @@
-"""Sending of a message as its database and the rig state it: cycle, time-out, send type, flags of its frames."""
+"""Send properties of messages by database and rig: cycle, time-out, send type, frame flags."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_MS = 60_000.0  # longest cycle of a message
 
 
 class SendType(enum.Enum):
-    """When a message is sent by its database."""
+    """Send type of a message by its database: cyclic, cyclic while active, on events."""
 
     CYCLIC = "cyclic"
     IF_ACTIVE = "cyclic while active"
@@ -33,9 +33,9 @@ _ACTIVE = re.compile(r"active|aktiv|enabled|^baf$")
 
 
 def send_type_of(message: Message, options: MessageOptions) -> SendType:
-    """Return when a message is sent: in the rig's cycle, else as its send type or those of its signals say.
+    """Return a message's send type: cyclic if the rig states a cycle, else by the message or its signals.
 
-    These are GenMsgSendType and GenSigSendType in a DBC. If none says anything, it is cyclic.
+    In a DBC these state GenMsgSendType and GenSigSendType. If neither is given, the message is cyclic.
     """
     if options.cycle_ms is not None:
         return SendType.CYCLIC
@@ -49,7 +49,7 @@ def send_type_of(message: Message, options: MessageOptions) -> SendType:
 
 
 def _meant(name: object) -> SendType | None:
-    """Return the send type of a name; None: it does not say, as NotUsed."""
+    """Return the send type that a database's name stands for; None: it states none, as NotUsed."""
     plain = re.sub(r"[\W_\d]", "", name.casefold()) if isinstance(name, str) else ""
     is_cyclic = bool(_CYCLIC.search(plain)) and not _NOT_CYCLIC.search(plain)
     if is_cyclic:
@@ -75,21 +75,21 @@ def cycle_of(message: Message, options: MessageOptions) -> float:
 
 
 def timeout_of(message: Message, options: MessageOptions) -> float:
-    """Return how long a message may be missing until its last values expire [ms]; 0: they never do."""
+    """Return the time without a frame after which a message's last values expire [ms]; 0: never."""
     if send_type_of(message, options) is not SendType.CYCLIC:
         return 0.0
     return max(0.0, options.timeout_cycles * cycle_of(message, options))
 
 
 def needs_fd(message: Message) -> bool:
-    """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
+    """Whether a message fits only a CAN FD frame, whatever format its database states."""
     return bool(message.is_fd) or message.length > 8
 
 
 def format_of(message: Message, options: MessageOptions) -> int:
-    """Return the flags of a message's frames: FD, and BRS where the rig or the database switches the bit rate.
+    """Return the flags of a message's frames: FD, and BRS if the rig or the database enables it.
 
-    A DBC says it by the attribute CANFD_BRS, as CANdb++ has it.
+    A DBC enables BRS by the attribute CANFD_BRS, as in CANdb++.
     """
     if not needs_fd(message):
         return 0
@@ -98,7 +98,7 @@ def format_of(message: Message, options: MessageOptions) -> int:
 
 
 def attribute_of(item: Message | Signal, name: str) -> Any:
-    """Return an attribute in a DBC, by default that of its definition; None: it has none."""
+    """Return an attribute of a message or signal in a DBC, or the definition's default; None: it has none."""
     if item.dbc is None:
         return None
     if name in item.dbc.attributes:
@@ -108,7 +108,7 @@ def attribute_of(item: Message | Signal, name: str) -> Any:
 
 
 def _labelled(item: Message | Signal, name: str) -> Any:
-    """Return an attribute of an enumeration by its label."""
+    """Return an attribute of a message or signal, of an enumeration its label."""
     value = attribute_of(item, name)
     choices = item.dbc.attribute_definitions[name].choices if isinstance(value, int) and item.dbc else None
     return choices[value] if choices and 0 <= value < len(choices) else value

@@ -1,6 +1,6 @@
-"""Tables that the loop works on: the layout of everything that is received, or of everything that is sent.
+"""Tables that the loop works on: layout of all received, or of all sent, messages and signals.
 
-They are arrays of records. There are few of them, so that passing a layout to compiled code costs little.
+The tables are arrays of records. There are few of them, so that passing a layout to compiled code costs little.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ END_TO_END = np.dtype(
 
 
 class BusConfig(NamedTuple):
-    """The tables of everything received, or of everything sent: m messages, n signals, ordered by message."""
+    """Tables of all that is received, or all that is sent: m messages, n signals, ordered by message."""
 
     messages: Any  # (m,) MESSAGE
     signals: Any  # (n,) SIGNAL
@@ -130,7 +130,7 @@ class BusConfig(NamedTuple):
 
 @dataclass
 class TableRows:
-    """The rows of the tables while they are built."""
+    """Rows of the tables of a BusConfig during their construction."""
 
     messages: list[tuple[float, ...]] = field(default_factory=list)
     signals: list[tuple[float, ...]] = field(default_factory=list)
@@ -142,7 +142,7 @@ class TableRows:
     end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
 
     def bus(self) -> BusConfig:
-        """Return the rows as arrays."""
+        """Return the BusConfig of the rows, as arrays."""
 
         def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
             return np.array(rows, dtype=kind).view(np.recarray)
@@ -160,11 +160,11 @@ class TableRows:
 
 
 def add_row(rows: list[Row], row: Row) -> int:
-    """Add a row to those of a table, and return its number."""
+    """Add a row to a table, and return its index."""
     rows.append(row)
     return len(rows) - 1
 
 
 def row_of(kind: np.dtype[Any], columns: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the row of a table with these columns."""
+    """Return the row of a table, as a tuple, given its columns by name."""
     return tuple(columns[name] for name in kind.fields or ())

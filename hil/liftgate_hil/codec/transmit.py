@@ -1,4 +1,4 @@
-"""Quantities to frames: what is due, rounded to the signal's resolution and limited to its range."""
+"""Transmission: conversion of quantities to frames that are due, rounded and limited to signal ranges."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def raw_of(bus: BusConfig, row: int, value: float) -> float:
 def encode(
     bus: BusConfig, message: int, values: NDArray[np.float64], before: int, frames: Frames, row: int
 ) -> None:
-    """Write one message into a row of `frames`.
+    """Encode one message into a row of `frames`.
 
     Page and counter are those that follow after `before` frames. A quantity that is NaN keeps its start value.
     """
@@ -62,7 +62,7 @@ def encode(
 
 @outlined
 def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> None:
-    """Write the nibble of the data ID that profile 1 transmits in the frame."""
+    """Write the nibble of the data ID that E2E profile 1 transmits into a frame."""
     if profile.nibble >= 0:
         place = place_at(places, profile.nibble)
         write_number(data, row, place, float((profile.data_ids[0] >> 8) & 15))
@@ -70,7 +70,7 @@ def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> 
 
 @compilable
 def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
-    """Whether any quantity of a message has a value, so that the message can be sent; NaN: it has none."""
+    """Whether any of a message's quantities has a value (is not NaN), so that the message can be sent."""
     table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(values[bus.signals[row].quantity]):
@@ -79,7 +79,7 @@ def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
 
 
 class Transmission(NamedTuple):
-    """Transmission state: what was sent and what is due next. Written in place."""
+    """Transmission state: which messages were sent, and when the next are due. Written in place."""
 
     sent: NDArray[np.int64]  # frames so far, per message
     due_ns: NDArray[np.int64]  # when each message is due next
@@ -92,7 +92,7 @@ _NEVER = 2**62
 
 
 def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
-    """Return the state before time 0: each message is due after one cycle, one without a cycle never."""
+    """Return the state before time 0: messages are due after one cycle, those without a cycle never."""
     cycles = [cycle or _NEVER for cycle in bus.messages["cycle_ns"].tolist()]
     return Transmission(
         np.zeros(len(cycles), dtype=np.int64),
@@ -105,13 +105,13 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
 
 @compilable
 def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
-    """Whether any message shall be sent at this time."""
+    """Whether any message is due to be sent at a time."""
     return everything or (not is_silent and now_ns >= transmission.next_ns[0])
 
 
 @compilable
 def times_sent(bus: BusConfig, transmission: Transmission, message: int, quantity: int) -> int:
-    """Return how many frames of a message that contain a quantity were sent; 0 for message −1."""
+    """Return the number of sent frames of a message that contain a quantity; 0 for message −1."""
     if message < 0:
         return 0
     table, pages, total = bus.messages[message], 0, 0
@@ -150,7 +150,7 @@ def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything
 
 
 def message_of(bus: BusConfig, quantity: int) -> int:
-    """Return the first message that carries a quantity; −1: none does."""
+    """Return the row of the first message that carries a quantity; −1: none does."""
     found = np.flatnonzero(bus.signals["quantity"] == quantity)
     if not len(found):
         return -1

@@ -1,4 +1,4 @@
-"""Current values of bus signals: each from the last frame of its message, whoever sent it."""
+"""Current values of watched bus signals, each from the last frame of its message, whoever sent it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 def watched(messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues) -> BusConfig:
-    """Return the tables of existing signals (`Message.Signal`); their values are placed as in `names`."""
+    """Return the tables of the watched signals (`Message.Signal`) that exist; values are ordered as `names`."""
     return tables_named(messages, names, {}, issues, False)
 
 
 def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:
-    """Return the unit of `Message.Signal`, "" if it has none; None: there is no such signal."""
+    """Return the unit of a signal `Message.Signal`, "" if it has none; None: there is no such signal."""
     message, _, signal = name.partition(".")
     if message not in messages:
         return None
@@ -34,7 +34,7 @@ def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:
 
 
 def near_signals(messages: Mapping[str, Message], name: str) -> list[str]:
-    """Return the signals (`Message.Signal`) whose names are nearest to an unknown one, up to three."""
+    """Return up to three signals (`Message.Signal`) whose names are most similar to an unknown one."""
     from difflib import get_close_matches
 
     own = [messages[name.partition(".")[0]]] if name.partition(".")[0] in messages else []
@@ -46,7 +46,7 @@ def near_signals(messages: Mapping[str, Message], name: str) -> list[str]:
 def watch(
     bus: BusConfig, values: NDArray[np.float64], identifier: int, length: int, data: NDArray[np.uint8], frame: int
 ) -> None:
-    """Write the watched signals in a frame (row of `data`), in the database's units, to `values` (n,).
+    """Write the values of watched signals in a frame (row of `data`) to `values` (n,), in the database's units.
 
     A frame whose length differs from that of its message is ignored.
     """

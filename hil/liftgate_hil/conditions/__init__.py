@@ -1,4 +1,4 @@
-"""Conditions on a run: text → postfix table, and the one evaluator for triggers, expectations and the judge.
+"""Conditions on a run: parser into a postfix table, and the evaluator for triggers, expectations and judge.
 
     gate_angle_deg > 20 and (sensed.left_current_a > 2 * $idle or Gate.LatchState == 1)
 
@@ -7,5 +7,5 @@ unit of the comparison that decides.
 
     a < b: b − a      a == b: −|a − b|      a != b: |a − b|      and: the smaller    or: the larger    not: negated
 
-In a tick in which one of its columns has no value, or a value that is not finite, it has neither (margin NaN).
+Where one of its columns has no value, or a value that is not finite, the condition has neither (margin NaN).
 """

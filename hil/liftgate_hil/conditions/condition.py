@@ -1,4 +1,4 @@
-"""Conditions as operations in postfix order, by their codes."""
+"""Conditions as operation codes in postfix order."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ DEEPEST = 32  # nested parentheses, and values on the stack
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition that was parsed and validated, as operations in postfix order."""
+    """A parsed and validated condition: its text, and its operations in postfix order."""
 
     text: str
     ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value
     units: tuple[str, ...] = ()  # of its comparisons, in the order of its text
 
     def names(self, code: int) -> list[str]:
-        """Return the names of the columns (`code` COLUMN) or bus signals (SIGNAL) that it reads, each once."""
+        """Return the names of the columns (`code` COLUMN) or bus signals (SIGNAL) in the condition, each once."""
         return list(dict.fromkeys(str(name) for each, name in self.ops if each == code))
 
     def beyond(self, drives: int) -> list[str]:
-        """Return an issue for each column that it reads and that a gate with so many drives does not have."""
+        """Return an issue for each column in the condition that a gate with so many drives does not have."""
         return [
             f"{name}: this gate has one drive; allowed: columns of the left drive"
             for name in self.names(COLUMN)
@@ -37,5 +37,5 @@ class Condition:
 
 
 def unit_of_column(name: str) -> str | None:
-    """Return the unit of a recording's column; None: there is no column of that name."""
+    """Return the unit of a recording's column; None: there is no column with that name."""
     return COLUMNS[name].unit if name in COLUMNS else None

@@ -1,4 +1,4 @@
-"""Conditions as a table, and the one evaluator of such tables, in machine code."""
+"""Evaluator of conditions, as tables of operations, in machine code."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
 
 
 class Conditions(NamedTuple):
-    """Several conditions: (ops,) OP in postfix order, and where each begins (n + 1,)."""
+    """Table of several conditions: (ops,) OP in postfix order, and where each one begins (n + 1,)."""
 
     ops: Any
     begins: NDArray[np.int64]
 
 
 class Work(NamedTuple):
-    """Working memory of an evaluation of n ticks; the results are in its first rows."""
+    """Working memory for the evaluation of n ticks; the results are in its first rows."""
 
     numbers: NDArray[np.float64]  # (DEEPEST, n): values and margins; NaN: the tick does not count
     truths: NDArray[np.int8]  # (DEEPEST, n): 1 where true; 0 where the number is NaN
@@ -38,7 +38,7 @@ class Work(NamedTuple):
 
 
 def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
-    """Return the table of conditions, which nobody changes.
+    """Return the table of several conditions, shared by all callers, who do not change it.
 
     `signals` are the bus signals in the order of the evaluator's columns.
     """
@@ -65,7 +65,7 @@ def _table_of(conditions: tuple[Condition, ...], signals: tuple[str, ...]) -> Co
 
 
 def _join_last(rows: list[tuple[int, int, float]]) -> None:
-    """Merge the last three rows into one if they are a column, a number and their comparison."""
+    """Merge a comparison of a column with a number, the last three rows, into one row."""
     if len(rows) < 3:
         return
     column, number, comparison = rows[-3:]
@@ -84,7 +84,7 @@ def work_for(ticks: int) -> Work:
 
 @compilable
 def calculated(code: int, a: float, b: float) -> float:
-    """Return the result of an arithmetic operation; NaN for a division by 0."""
+    """Return the result of an arithmetic operation of a condition; NaN for a division by 0."""
     if code == codes.ADD:
         return a + b
     if code == codes.SUB:
@@ -96,7 +96,7 @@ def calculated(code: int, a: float, b: float) -> float:
 
 @compilable
 def compared(code: int, a: float, b: float) -> tuple[bool, float]:
-    """Return a comparison's truth value and margin; a NaN margin if one side has no finite value."""
+    """Return truth value and margin of a comparison; the margin is NaN if one side has no finite value."""
     if not (math.isfinite(a) and math.isfinite(b)):
         return False, np.nan
     if code == codes.LT:
@@ -114,7 +114,7 @@ def compared(code: int, a: float, b: float) -> tuple[bool, float]:
 
 @compilable
 def join(code: int, work: Work, low: int, ticks: int) -> None:
-    """Join the row `low` of the work and the one above it by `and` or `or`; the result goes to `low`."""
+    """Combine the rows `low` and `low` + 1 of the work by `and` or `or`; the result goes to `low`."""
     numbers, truths, deciders = work
     high = low + 1
     for i in range(ticks):
@@ -137,7 +137,7 @@ def join(code: int, work: Work, low: int, ticks: int) -> None:
 def compare_column(
     code: int, rows: NDArray[np.float64], column: int, number: float, work: Work, top: int, ticks: int
 ) -> None:
-    """Compare a column with a number and write the result to the row `top` of the work."""
+    """Compare a column with a number in all ticks; the result goes to the row `top` of the work."""
     numbers, truths, _ = work
     for i in range(ticks):
         truth, numbers[top, i] = compared(code, rows[i, column], number)
@@ -153,9 +153,9 @@ def evaluate(  # noqa: PLR0912
     ticks: int,
     work: Work,
 ) -> None:
-    """Evaluate condition number `which` in the first `ticks` of n ticks; the result is the first rows of `work`.
+    """Evaluate the condition with index `which` in the first `ticks` of n ticks, into the first rows of `work`.
 
-    These are its margins, truths and deciders, see `Work`. The operands are `rows` (n, ROW_WIDTH) of
+    The results are margins, truths and deciders, see `Work`. The operands are `rows` (n, ROW_WIDTH) of
     signals.COLUMNS and the bus signals (n, m), in the order in which `table_of` was given them.
     """
     numbers, truths, deciders = work

@@ -1,4 +1,4 @@
-"""The parser of conditions: recursive descent, with a check of units."""
+"""Parser of conditions by recursive descent, with a check of units."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _TOKEN = re.compile(
 
 
 def parsed(text: str, parameters: Mapping[str, float], messages: Messages | None = None) -> Condition:
-    """Return the condition of a text.
+    """Parse and validate the text of a condition.
 
-    `messages` are those of the rig's database; None: they are not known yet, and it may refer to any signal.
+    `messages` are the rig's database's; None: not known yet, so that the condition may refer to any signal.
 
     Raises ValueError, which says what is wrong and what is allowed.
     """
@@ -71,7 +71,7 @@ def parsed(text: str, parameters: Mapping[str, float], messages: Messages | None
 
 
 def with_numbers(text: str, parameters: Mapping[str, float]) -> str:
-    """Return the text of a condition with numbers for those of its parameters that are given."""
+    """Return a condition's text with its known parameters replaced by numbers."""
 
     def number(found: re.Match[str]) -> str:
         return f"{parameters[found[1]]:.10g}" if found[1] in parameters else found[0]
@@ -83,20 +83,20 @@ def with_numbers(text: str, parameters: Mapping[str, float]) -> str:
 def _parsed(
     text: str, parameters: tuple[tuple[str, float], ...], units: tuple[tuple[str, str | None], ...]
 ) -> Condition:
-    """Return the condition of a text, parsed only once; `units` are those of the signals that it may refer to."""
+    """Return the condition of a text, cached; `units` are those of the signals that the text names."""
     return _Parser(text, dict(parameters), dict(units).get).condition()
 
 
 class _NoSuchSignalError(ValueError):
-    """Raised with the name of a signal that the database does not have."""
+    """Raised for a signal, named in the message, that the database does not have."""
 
 
 class _NoSuchColumnError(ValueError):
-    """Raised with a name that is no column's."""
+    """Raised for a name, given in the message, that is no column."""
 
 
 class _Part(NamedTuple):
-    """A parsed part of the text: whether it is a truth value, and a number's unit (None: a plain number)."""
+    """A parsed operand of an operation: whether it is a truth value, and its unit (None: a plain number)."""
 
     is_truth: bool
     unit: str | None = None
@@ -104,7 +104,7 @@ class _Part(NamedTuple):
 
 @dataclass
 class _Parser:
-    """Recursive-descent parser, one method per level of precedence; operations follow those of their operands."""
+    """Recursive-descent parser with a method per precedence level; operations follow their operands."""
 
     text: str
     parameters: Mapping[str, float]
@@ -155,7 +155,7 @@ class _Parser:
         return self.tokens[self.next]
 
     def _is(self, token: str) -> bool:
-        """Consume the sign `token` if it comes next; return whether it did."""
+        """Consume the token `token` if it comes next; return whether it did."""
         if self._here()[:2] != ("sign", token):
             return False
         self.next += 1
@@ -233,7 +233,7 @@ class _Parser:
             raise ValueError(f"at character {place}: a comparison where a number is expected")
 
     def _same_unit(self, a: str | None, b: str | None, token: str, place: int) -> str | None:
-        """Return the unit of a sum or a comparison; plain numbers and values without a unit fit any unit."""
+        """Return the common unit of two operands; plain numbers and values without a unit fit any unit."""
         if a and b and a != b:
             raise ValueError(
                 f"{token} at character {place} combines {a} and {b}; allowed: the same unit on both sides"
@@ -345,7 +345,7 @@ def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
 
 
 def _numbers_of(label: str, text: str, messages: Mapping[str, Message]) -> str:
-    """Return the numbers that a label stands for in what a condition compares, as text; "": it is no label."""
+    """Return as text the numbers of a label in the value tables of a condition's signals; "": it is no label."""
     found = [
         f"{number}, which is {label} of {name}"
         for name in dict.fromkeys(re.findall(r"[^\W\d]\w*", text))
@@ -367,7 +367,7 @@ def _numbers_of(label: str, text: str, messages: Mapping[str, Message]) -> str:
 
 
 def _near_columns(token: str) -> str:
-    """Return the columns with the names nearest to an unknown one, as text."""
+    """Return as text the columns whose names are most similar to an unknown one."""
     from difflib import get_close_matches
 
     names = [

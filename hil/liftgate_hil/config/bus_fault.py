@@ -1,4 +1,4 @@
-"""Faults on the bus: a fault of a scenario, resolved with a rig into the frames that it affects."""
+"""Bus faults: a scenario's faults on messages and the bus, resolved with a rig into affected frames."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
 
 
 def located(fault: Fault, rig: Rig) -> Fault:
-    """Return a fault with the name of the message that it acts on, if a quantity named that message."""
+    """Return the fault with its place given as a message name, also where it names a mapped quantity."""
     if FAULT_KINDS[fault.kind].of != MESSAGE or fault.where is None:
         return fault
     direction = _direction_of(fault)
@@ -38,7 +38,7 @@ def _direction_of(fault: Fault) -> int:
 def bus_faults_in(
     fault: Fault, rig: Rig | None, restbus: Collection[str], issues: ConfigIssues
 ) -> tuple[BusFault, ...]:
-    """Return what a fault does on the bus; empty if its kind affects neither a message nor the bus.
+    """Return the bus fault that a scenario's fault stands for; empty if its kind does not act on the bus.
 
     `restbus` are the messages of the restbus, which are sent too. Without a rig an issue is noted.
     """
@@ -62,7 +62,7 @@ def bus_faults_in(
 
 
 def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues) -> int:
-    """Return the identifier of the frames that are affected (EVERY: all), or that a babbling node sends."""
+    """Return the identifier of the frames that a fault affects (EVERY: all), or that a babbling node sends."""
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)
         return identifier | (EXTENDED if identifier > _STANDARD else 0)

@@ -1,4 +1,4 @@
-"""Python-can and cantools: imported without asammdf, and what they log collected.
+"""Import of python-can and cantools without asammdf, and collection of their log messages.
 
 python-can imports asammdf, and with it pandas, if they are installed. That takes 0.6 s and serves its MF4 writer
 only. `formats.mf4_file` writes MF4 files without python-can, so asammdf is hidden during the import.
@@ -25,13 +25,13 @@ __all__ = ["can", "cantools", "logged", "unpickled"]
 
 
 def unpickled(content: bytes) -> Any:
-    """Return a pickled object. The messages of its rig import cantools, which has been imported here by then."""
+    """Return an object from its pickled bytes; rigs are unpickled here, as their messages need cantools."""
     return pickle.loads(content)
 
 
 @contextlib.contextmanager
 def logged(library: str) -> Iterator[list[str]]:
-    """Context in which a library's log goes to a list, which holds the messages, instead of to stderr."""
+    """Context in which a library's log messages are collected in a list instead of written to stderr."""
     logger, handler = logging.getLogger(library), _Collector()
     logger.addHandler(handler)
     try:

@@ -1,4 +1,4 @@
-"""Choices that commands share: vehicle, rig, scenario and its parameters, and the wire between gate and ECU."""
+"""Arguments that several commands share: vehicle, rig, scenario with its parameters, bus or serial port."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RIG = Loaded(("Rig",))
 
 # fmt: off
 class VehicleSettings(Record):
-    """Base of the requests that replace values of a vehicle."""
+    """Base class of the requests (arguments of a command) that override values of a vehicle file."""
 
     settings: Annotated[Sequence[str], Field(Texts("a list of KEY=VALUE"), "replace a value of the vehicle "
         "file, e.g. environment.road_slope_deg=8 (repeatable)", metavar="KEY=VALUE", flag="set")] = ()
@@ -40,7 +40,7 @@ class VehicleSettings(Record):
 
 
 class VehicleChoice(VehicleSettings):
-    """Base of the requests that concern a vehicle."""
+    """Base class of the requests (arguments of a command) that select a vehicle."""
 
     vehicle: Annotated[str | Path, Field(File(), "the vehicle: a shipped name, or a "
         "file", metavar="NAME|FILE")] = "suv"
@@ -57,19 +57,19 @@ Parameters = Annotated[Mapping[str, float] | Sequence[str] | None, Field(Numbers
 
 
 class ParametersChoice(Record):
-    """Base of the requests that replace parameters of a scenario."""
+    """Base class of the requests (arguments of a command) that set parameters of a scenario."""
 
     parameters: Parameters = ()
 
     @property
     def parameter_values(self) -> dict[str, float]:
-        """Values that replace parameters of the scenario, by their names. Raises ConfigError."""
+        """The scenario's parameter values of the request, by name. Raises ConfigError."""
         found: dict[str, float] = value_of("parameters", self.parameters or (), NumbersByName())
         return found
 
 
 class SetupChoice(ParametersChoice, VehicleSettings):
-    """Base of the requests that concern a vehicle in a scenario."""
+    """Base class of the requests (arguments of a command) that select a vehicle and a scenario."""
 
     scenario: Annotated[AnyScenario | None, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = None
     vehicle: OwnVehicle = None
@@ -80,7 +80,7 @@ class SetupChoice(ParametersChoice, VehicleSettings):
 
 # fmt: off
 class WireChoice(Record):
-    """The wire that the user chose: a bus by one text or by python-can's own options, or a serial port."""
+    """The user's choice of a connection: a bus by one text or by python-can's own options, or a serial port."""
 
     bus: Annotated[str | None, Field(Text("INTERFACE:CHANNEL[@BITRATE]"), "the CAN bus, e.g. socketcan:vcan0",
         metavar="INTERFACE:CHANNEL[@BITRATE]")] = None
@@ -95,7 +95,7 @@ class WireChoice(Record):
     # fmt: on
     @property
     def is_given(self) -> bool:
-        """Whether the user chose a wire at all."""
+        """Whether the user chose a bus or a serial port at all."""
         named = (self.bus, self.serial, self.interface, self.channel)
         return any(each is not None for each in named)
 

@@ -1,4 +1,4 @@
-"""Find and load the database that a rig names: DBC, ARXML, KCD or SYM, read by cantools."""
+"""Find and load the CAN database that a rig names: DBC, ARXML, KCD or SYM, read by cantools."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _MOST_REASONS = 3  # why a file has no messages
 
 
 class DatabaseFile(NamedTuple):
-    """A database, and of one with several buses the bus that is meant; "": the only one."""
+    """A database file, and the name of the bus to use if it has several; "": the only one."""
 
     path: Path
     bus: str = ""
 
 
 def database_file(name: str | Path) -> DatabaseFile:
-    """Return the database that FILE or FILE#BUS names."""
+    """Return the database file, and the bus in it, of a text FILE or FILE#BUS."""
     file, _, bus = str(name).rpartition("#")
     if Path(name).suffix.lower() not in KINDS and Path(file).suffix.lower() in KINDS:
         return DatabaseFile(Path(file), bus)
@@ -36,12 +36,12 @@ def database_file(name: str | Path) -> DatabaseFile:
 
 
 def is_database(name: str | Path) -> bool:
-    """Whether a name is that of a database, by its suffix."""
+    """Whether a file name has the suffix of a CAN database."""
     return database_file(name).path.suffix.lower() in KINDS
 
 
 def find_database(issues: ConfigIssues, value: object, folder: Path) -> DatabaseFile | None:
-    """Return the file of a rig's key `dbc`, beside the rig or shipped; None and an issue if there is none."""
+    """Return the database file of a rig's key `dbc`, beside the rig or shipped; None and an issue: none found."""
     name = text(issues, "dbc", value)
     if not name:
         return None
@@ -94,7 +94,7 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
 
 
 def _encoding(raw: bytes, kind: str) -> str:
-    """Return the encoding by a byte order mark, else UTF-8 if it is valid (cp1252 hardly is), or the format's."""
+    """Return a database's encoding: by byte order mark, else UTF-8 if valid (cp1252 hardly is), or by format."""
     for mark, encoding in _MARKS.items():
         if raw.startswith(mark):
             return encoding
@@ -138,7 +138,7 @@ _FORMS = (
 
 
 def form_of(raw: bytes, kind: str) -> str:
-    """Return what a file with the ending `kind` is, and what is allowed; "": no other than its ending says."""
+    """Return as text which other format a file with the suffix `kind` has; "": none is recognized."""
     head = raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for begin, called, ending in _FORMS:
         if re.match(begin, head, re.DOTALL | re.IGNORECASE):

@@ -1,4 +1,4 @@
-"""Content of a database's text: its messages, those that are left out for a fault, and notes on both."""
+"""Messages read from a database's text, those left out because of errors in them, and notes on both."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _OF_VERSION_5 = (
 
 
 def kcd_remains(written: str) -> Remains:
-    """Return what is left of a KCD without its faulty messages. Raises an exception if nothing can be read."""
+    """Return the readable messages of a KCD, those with errors left out. Raises an exception if there are none."""
     root = ElementTree.fromstring(written)
     buses = [each for each in root.iter() if each.tag.endswith("}Bus")]
     messages = [(bus, each) for bus in buses for each in bus if each.tag.endswith("}Message")]
@@ -77,7 +77,7 @@ def kcd_remains(written: str) -> Remains:
 
 
 def as_sym_6(written: str) -> str:
-    """Return a SYM of version 5.0 as one of 6.0, which has the same lines; any other as it is."""
+    """Return a SYM text of version 5.0 as one of 6.0, whose lines are the same; any other text unchanged."""
     text, is_5 = _VERSION_5.subn("FormatVersion=6.0", written, count=1)
     for old, new in _OF_VERSION_5 if is_5 else ():
         text = old.sub(new, text)
@@ -85,7 +85,7 @@ def as_sym_6(written: str) -> str:
 
 
 def sym_remains(written: str) -> Remains:
-    """Return what is left of a SYM without its faulty messages. Raises an exception if nothing can be read.
+    """Return the readable messages of a SYM, those with errors left out. Raises an exception if there are none.
 
     Sections with the same name in brackets are the multiplexed parts of one message.
     """
@@ -133,7 +133,7 @@ def _fill(
     attempt: Callable[[Sequence[Part]], list[Message]],
     name_of: Callable[[Part], str],
 ) -> Remains:
-    """Add the messages of the parts that are sound, and the names of the others with the reasons."""
+    """Fill `remains` with the messages of readable parts, and with names and reasons of the refused parts."""
     faults = {part: f"it is too large: {why}" for part in parts if (why := fault_of(part))}
     faults |= {
         part: reason_of(error) for part, error in refused([each for each in parts if each not in faults], attempt)
@@ -151,9 +151,9 @@ _REMAINS: Mapping[str, Callable[[str], Remains]] = {
 
 @functools.lru_cache(maxsize=4)
 def content_of(written: str, kind: str) -> Mapping[str, Messages]:
-    """Return the messages in a database's text by the names of its buses; "": it has no name.
+    """Return the messages in a database's text, by bus name ("" if the bus has no name).
 
-    `kind` is the file's suffix. Kept, as cantools takes 10 ms and more each time, and one process runs many
+    `kind` is the file's suffix. Cached, as cantools takes 10 ms and more each time, and one process runs many
     scenarios with the same database: messages are read, and never changed. Raises ConfigError if nothing can be
     read.
     """
@@ -176,7 +176,7 @@ def content_of(written: str, kind: str) -> Mapping[str, Messages]:
 
 
 def _remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return the messages whose signals neither overlap nor go beyond it; `is_plain`: the whole may be tried."""
+    """Return the messages whose signals fit without overlap; `is_plain`: first try to load the text as a whole."""
     if is_plain:
         with contextlib.suppress(Exception):
             return Remains(load_text(written, kind, is_strict=True))
@@ -200,7 +200,7 @@ def _loose_remains(written: str, kind: str, is_plain: bool) -> Remains:
 
 
 def _why_nothing(error: Exception, written: str) -> str:
-    """Return why a file cannot be read at all."""
+    """Return as text why no message of a database file can be read."""
     if isinstance(error, ElementTree.ParseError):
         line, column = error.position
         return f"no XML from line {line}, column {column + 1} on"
@@ -211,7 +211,7 @@ def _why_nothing(error: Exception, written: str) -> str:
 
 
 def _sorted_out(messages: Sequence[Message], remains: Remains) -> Messages:
-    """Return the messages without faults, and reasons and notes on the others."""
+    """Return the messages without errors, and the reasons and notes on those left out."""
     left_out = {**remains.left_out, **_named_twice(messages)}
     for each in messages:
         if each.name not in left_out and (why := _fault_of(each)):
@@ -226,7 +226,7 @@ def _sorted_out(messages: Sequence[Message], remains: Remains) -> Messages:
 
 
 def _fault_of(message: Message) -> str:
-    """Return what is wrong with a message that cantools reads; "": nothing."""
+    """Return as text what is wrong with a message that cantools has read; "": nothing."""
     names = [each.name for each in message.signals]
     if len(set(names)) < len(names):
         return f"it has several signals {next(name for name in names if names.count(name) > 1)}"
@@ -237,7 +237,7 @@ def _fault_of(message: Message) -> str:
 
 
 def _too_large_numbers(message: Message) -> Iterator[str]:
-    """Yield the factors, offsets, limits and label values that are too large for a float."""
+    """Yield a message's factors, offsets, limits and label values that are too large for a float."""
     for signal in message.signals:
         for what, value in (
             ("factor", signal.scale),
@@ -253,7 +253,7 @@ def _too_large_numbers(message: Message) -> Iterator[str]:
 
 
 def _named_twice(messages: Sequence[Message]) -> dict[str, str]:
-    """Return the messages that are not told apart, by their names or their identifiers, and why."""
+    """Return the messages whose name or identifier another message has, too, with the reason for each."""
     named: dict[str, list[str]] = {}
     identified: dict[str, list[str]] = {}
     for each in messages:

@@ -1,4 +1,4 @@
-"""Find the parts of a database that cantools refuses, and say why in our own words."""
+"""Find the parts of a database that cantools refuses, and explain the reasons to the user."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _REASONS = (
 
 @dataclass
 class Remains:
-    """Messages of a database that can be read, and those that were left out, with the reasons."""
+    """The readable messages of a database, and those that were left out, with the reasons."""
 
     messages: Sequence[Message] = ()
     left_out: dict[str, str] = field(default_factory=dict)  # message: why
@@ -59,17 +59,17 @@ class Remains:
     unmarked: list[str] = field(default_factory=list)  # messages whose identifiers were taken as of 29 bits
 
     def leave_out(self, name: str, why: str) -> None:
-        """Leave out a message; of several reasons the first one counts."""
+        """Note that a message is left out; of several reasons for a message the first one is kept."""
         self.left_out.setdefault(name, why)
 
 
 def needs_29_bits(identifier: int) -> bool:
-    """Whether no frame of 11 bits has an identifier, but one of 29 bits can."""
+    """Whether an identifier is too large for 11 bits, but fits 29 bits."""
     return 0x7FF < identifier <= 0x1FFFFFFF
 
 
 def load_text(written: str, kind: str, is_strict: bool = False) -> list[Message]:
-    """Return the messages of a database; with `is_strict` one whose signals overlap or do not fit is refused.
+    """Return the messages of a database text; `is_strict` refuses signals that overlap or do not fit.
 
     Raises exceptions of any kind.
     """
@@ -86,7 +86,7 @@ def load_text(written: str, kind: str, is_strict: bool = False) -> list[Message]
 
 
 def reason_of(error: Exception) -> str:
-    """Return why cantools refuses a message or a file, as the end of a sentence."""
+    """Return an exception of cantools on a message or file as text, the end of a sentence."""
     text = " ".join(str(error).split())
     for pattern, words in _REASONS:
         if found := re.search(pattern, text):
@@ -95,7 +95,7 @@ def reason_of(error: Exception) -> str:
 
 
 def refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Part, Exception]]:
-    """Yield the parts for which `attempt` raises an exception, and the exception, in their order.
+    """Yield the parts of a database for which `attempt` raises an exception, with that exception, in order.
 
     They are found by halves of blocks, so that the time grows with the parts, and with the faults among them.
     """
@@ -116,7 +116,7 @@ def _refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Pa
 
 
 def too_large(written: str, kind: str) -> str:
-    """Return the first place, length or range that is too large, and what is allowed; "" if there is none.
+    """Return as text the first bit position, length or range in a text that is too large; "" if none is.
 
     The time that cantools takes grows with the square of a place or length, and with the values of a range.
     """

@@ -1,4 +1,4 @@
-"""Reader of a DBC that cantools refuses: without faulty statements, and the messages that need them."""
+"""Reader of a DBC that cantools refuses: faulty statements and the messages that need them are left out."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _SIGNAL_NAME = re.compile(r"\s*SG_\s+(\w+)")
 
 
 class Statement(NamedTuple):
-    """A statement of a DBC; without a keyword, text that is none."""
+    """A statement of a DBC with its keyword; keyword "": text that is no statement."""
 
     keyword: str
     line: int  # where it begins
@@ -59,36 +59,36 @@ class Statement(NamedTuple):
 
     @property
     def attribute(self) -> str:
-        """The attribute that a BA_, BA_DEF_ or BA_DEF_DEF_ is about."""
+        """Name of the attribute that a BA_, BA_DEF_ or BA_DEF_DEF_ statement is about."""
         found = _NAMED.match(self.text)
         return found[1] if found else ""
 
     @property
     def name(self) -> str:
-        """The message or signal that a BO_ or SG_ defines, or that a VAL_ or SIG_VALTYPE_ is about."""
+        """Name of the message or signal that a BO_ or SG_ defines, or that a VAL_ or SIG_VALTYPE_ is about."""
         found = _SIGNAL_NAME.match(self.text) if self.keyword == "SG_" else _MESSAGE[self.keyword].match(self.text)
         return (found[found.re.groups] or "") if found else ""
 
     def of_message(self, number: str) -> Statement:
-        """Return the statement as that of the message of another number."""
+        """Return a copy of the statement that belongs to the message with another number."""
         found = _MESSAGE[self.keyword].match(self.text) if self.keyword in _MESSAGE else None
         text = f"{self.text[: found.start(1)]}{number}{self.text[found.end(1) :]}" if found else self.text
         return self._replace(text=text, number=number)
 
     @property
     def place(self) -> str:
-        """Line and keyword, for messages."""
+        """Line and keyword of the statement as text, for messages to the user."""
         return f"line {self.line}: {self.keyword or printable(shown(self.text))}"
 
 
 def shown(text: str) -> str:
-    """Return the beginning of a text in quotes, on one line."""
+    """Return the beginning of a text in quotes, on one line, for messages to the user."""
     words = " ".join(text.split())
     return f"“{words[:30]}{'…' if len(words) > 30 else ''}”"
 
 
 def statements_in(written: str) -> Iterator[Statement]:
-    """Yield the statements of a DBC in their order, and what is written between them.
+    """Yield the statements of a DBC in order, and any text between them.
 
     A line that begins with a keyword begins a statement, unless it is within a text. A text that goes on beyond
     such a line and is not the end of its statement lacks its quotation mark.
@@ -108,7 +108,7 @@ def statements_in(written: str) -> Iterator[Statement]:
 
 
 def _spans(written: str) -> Iterator[tuple[str, int, int]]:
-    """Yield keyword, begin and end of statements; without a keyword of the text between them."""
+    """Yield keyword, begin and end of each statement; text between statements has the keyword ""."""
     keyword, begin, at = "", 0, 0
     while found := _SCANNED.search(written, at):
         at = found.end()
@@ -127,7 +127,7 @@ def _spans(written: str) -> Iterator[tuple[str, int, int]]:
 
 
 def _before(written: str, keyword: str, begin: int, end: int) -> Iterator[tuple[str, int, int]]:
-    """Yield the statement that ends where another one begins; nothing where there are only comments."""
+    """Yield the text between two statements as a statement without a keyword; nothing if it is only comments."""
     if keyword:
         yield keyword, begin, end
         return
@@ -137,12 +137,12 @@ def _before(written: str, keyword: str, begin: int, end: int) -> Iterator[tuple[
 
 
 def text_of(statements: Sequence[Statement]) -> str:
-    """Return the DBC that consists of these statements."""
+    """Return the text of the DBC that consists of these statements."""
     return "\n".join(each.text.rstrip() for each in statements) + "\n"
 
 
 class MessageStatements(NamedTuple):
-    """The statements about one message: its BO_ with its SG_, and others."""
+    """The statements of a DBC about one message: BO_ and SG_ (`own`), and `others`."""
 
     number: str
     own: tuple[Statement, ...]
@@ -150,7 +150,7 @@ class MessageStatements(NamedTuple):
 
     @property
     def all(self) -> tuple[Statement, ...]:
-        """All statements, BO_ first."""
+        """All statements about the message, BO_ first."""
         return self.own + self.others
 
     @property
@@ -159,18 +159,18 @@ class MessageStatements(NamedTuple):
         return self.own[0].name if self.own and self.own[0].keyword == "BO_" else ""
 
     def numbered(self, number: str) -> MessageStatements:
-        """Return the statements as those of the message of another number."""
+        """Return a copy of the statements that belongs to the message with another number."""
         own, others = (tuple(each.of_message(number) for each in some) for some in (self.own, self.others))
         return MessageStatements(number, own, others)
 
     @property
     def signals(self) -> set[str]:
-        """Names of its signals."""
+        """Names of the message's signals."""
         return {each.name for each in self.own if each.keyword == "SG_"}
 
 
 def by_message(statements: Sequence[Statement]) -> list[MessageStatements]:
-    """Return the statements that belong to messages, by message."""
+    """Return the statements that belong to messages, grouped by message."""
     own: dict[str, list[Statement]] = {}
     others: dict[str, list[Statement]] = {}
     for each in statements:
@@ -205,7 +205,7 @@ _Attempt = Callable[[Sequence[MessageStatements]], list["Message"]]
 
 
 def dbc_remains(written: str) -> Remains:
-    """Return what is left of a DBC without its faults. Raises an exception if nothing can be read."""
+    """Return the readable messages of a DBC with faulty statements. Raises an exception if there are none."""
     remains = Remains()
     statements = list(_understood([*statements_in(written)], remains))
     definitions = [each for name in _ATTRIBUTES for each in _definition(name, statements, remains)]
@@ -227,7 +227,7 @@ def dbc_remains(written: str) -> Remains:
 
 
 def _understood(statements: Sequence[Statement], remains: Remains) -> Iterator[Statement]:
-    """Yield the statements that are as the grammar has them; others are noted."""
+    """Yield the statements that conform to the DBC grammar; note the others in `remains`."""
     names = {each.number: each.name for each in statements if each.keyword == "BO_"}
     asked = [each for each in statements if each.keyword not in _NO_MATTER]
     faults = {each: why for each in asked if (why := _plain_fault(each))}
@@ -243,7 +243,7 @@ def _understood(statements: Sequence[Statement], remains: Remains) -> Iterator[S
 
 
 def _plain_fault(statement: Statement) -> str:
-    """Return what is wrong with a statement that is seen without cantools; "": nothing."""
+    """Return as text what is wrong with a statement, as far as visible without cantools; "": nothing."""
     if not statement.keyword:
         return "is no statement of a DBC"
     if statement.keyword in _UNKNOWN:
@@ -254,7 +254,7 @@ def _plain_fault(statement: Statement) -> str:
 
 
 def _refused_by_grammar(statements: Sequence[Statement]) -> Iterator[tuple[Statement, Exception]]:
-    """Yield the statements that cantools' grammar refuses, and its exception, which mostly says where it is."""
+    """Yield the statements that cantools' grammar refuses, each with the exception, which may state the place."""
     for first in range(0, len(statements), BLOCK):
         rest = statements[first : first + BLOCK]
         while (error := _grammar_error(rest)) is not None:
@@ -269,7 +269,7 @@ def _refused_by_grammar(statements: Sequence[Statement]) -> Iterator[tuple[State
 
 
 def _grammar_error(statements: Sequence[Statement]) -> Exception | None:
-    """Return the exception of cantools' grammar, if it refuses these statements."""
+    """Return the exception of cantools' grammar for these statements; None if they conform to it."""
     try:
         load_text("".join(map(_alone, statements)), ".dbc")
     except Exception as error:
@@ -278,18 +278,18 @@ def _grammar_error(statements: Sequence[Statement]) -> Exception | None:
 
 
 def _parse(statements: Sequence[Statement]) -> None:
-    """Raise the exception of cantools' grammar, if it refuses these statements."""
+    """Parse these statements by cantools' grammar. Raises its exception if they do not conform to it."""
     if (error := _grammar_error(statements)) is not None:
         raise error
 
 
 def _alone(statement: Statement) -> str:
-    """Return a text in which a statement may stand without those before it, and does not go on in the next one."""
+    """Return a DBC text with this statement alone, before and after which other statements are complete."""
     return (_HEAD if statement.keyword == "SG_" else "") + text_of([statement]) + "BS_:\n"
 
 
 def _not_understood(statement: Statement, error: Exception) -> str:
-    """Return where the grammar refuses a statement, as the end of a sentence."""
+    """Return as text where the grammar refuses a statement, the end of a sentence."""
     rest = _alone(statement).removesuffix("BS_:\n")[getattr(error, "offset", 0) :]
     return f"is not understood from {shown(rest)} on" if rest.strip() else "lacks its end"
 
@@ -306,7 +306,7 @@ def _definition(name: str, statements: Sequence[Statement], remains: Remains) ->
 
 
 def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains) -> Iterator[MessageStatements]:
-    """Yield the statements of each message that is not left out, without those that refer to nothing."""
+    """Yield the statements of each message that is kept, except those that refer to missing ones."""
     for each in by_message(statements):
         if each.name in remains.left_out or each.name == _UNSIGNED:
             continue
@@ -329,7 +329,7 @@ def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains)
 
 
 def _sound(message: MessageStatements, attempt: _Attempt, remains: Remains) -> MessageStatements | None:
-    """Return a faulty message without the statements that describe it wrongly; None if it is left out."""
+    """Return a faulty message without its wrong descriptive statements; None if its definition is wrong."""
     alone = message._replace(others=())
     try:
         attempt([alone])
@@ -348,7 +348,7 @@ def _sound(message: MessageStatements, attempt: _Attempt, remains: Remains) -> M
 
 
 def _place_of_fault(message: MessageStatements, attempt: _Attempt) -> str:
-    """Return which of the statements that define a message is refused: its BO_, or the first such SG_."""
+    """Return line and keyword of the refused statement of a message: its BO_, or its first refused SG_."""
 
     def together(signals: Sequence[Statement]) -> None:
         attempt([message._replace(own=(message.own[0], *signals), others=())])

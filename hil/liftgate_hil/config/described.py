@@ -1,4 +1,4 @@
-"""Description of a field, once: from it files and arguments are read, and flags and reference pages are made.
+"""Single description of a field, from which file readers, arguments, flags and reference pages are made.
 
 A record is a class whose annotated fields each have a Field: the keys of a table in a file, the options of a run,
 the arguments of a command.
@@ -41,7 +41,7 @@ Result_co = TypeVar("Result_co", covariant=True)
 
 
 class Field(NamedTuple):
-    """Description of a field.
+    """Description of a field of a record, such as a key of a file, or an option or argument of a command.
 
     As the annotation of a record's field it states kind and meaning; where the value itself does not show it, the
     default in words; for a flag, what stands for its value in the help, the field together with which it is
@@ -62,7 +62,7 @@ class Field(NamedTuple):
 
     @property
     def default_text(self) -> str:
-        """The default in words; "": there is none, or it says nothing."""
+        """The default of the field in words; "": there is none, or it says nothing."""
         if self.default is REQUIRED and not self.default_words:
             return "required"
         if self.default_words or self.default is None or self.default == ():
@@ -72,17 +72,17 @@ class Field(NamedTuple):
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
     def checked(self, value: object) -> Any:
-        """Return the value of an argument as the record holds it. Raises ConfigError."""
+        """Return the value of an argument, validated, in the record's unit and type. Raises ConfigError."""
         return None if value is None and self.may_be_none else value_of(self.name, value, self.kind)
 
     def is_given(self, value: object) -> bool:
-        """Whether a value is another one than the default."""
+        """Whether a value of the field differs from the default."""
         return bool(value != self.default)
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class Record:
-    """Base class of records.
+    """Base class of records, whose annotated fields describe keys of a file or arguments of a command.
 
     A field without a value is required. Type checkers know the constructor as that of a dataclass; subclasses are
     none, as to create one takes as long as to import a file, and is done at every start. The constructor does not
@@ -95,26 +95,26 @@ class Record:
         self.__dict__.update(signature_of(type(self)).bind(*placed, **values).arguments)
 
     def __init_subclass__(cls, *, kw_only: bool = True) -> None:
-        """Note whether the constructor takes the subclass's own fields by their names only."""
+        """Note whether the subclass's constructor takes its fields as keyword arguments only."""
         cls._takes_names_only = kw_only
 
     @classmethod
     def of(cls, *placed: Any, **given: Any) -> Self:
-        """Return the record of arguments, each one validated, and all of them together.
+        """Return the record with these arguments, validated one by one and together.
 
         Raises ConfigError, and TypeError for arguments that do not fit the fields.
         """
         return cls(*placed, **given).validated()
 
     def validated(self) -> Self:
-        """Return the record with its values as their kinds read them. Raises ConfigError."""
+        """Return a copy of the record with each value validated and converted by its kind. Raises ConfigError."""
         fields = {each.name: each for each in fields_of(type(self))}
         found = type(self)(**{name: fields[name].checked(value) for name, value in vars(self).items()})
         found.check()
         return found
 
     def check(self) -> None:
-        """Validate the values, each and together: what `needs` another one. Raises ConfigError."""
+        """Validate the values, each alone and each that `needs` another one with that. Raises ConfigError."""
         fields = {each.name: each for each in fields_of(type(self))}
         given = {
             name: value
@@ -130,16 +130,16 @@ class Record:
                 raise ConfigError(f"`{name}`{text}: allowed: together with `{needed}`")
 
     def replaced(self, **values: Any) -> Self:
-        """Return the record with other values."""
+        """Return a copy of the record with other values of some fields."""
         return type(self)(**{**self.__dict__, **values})
 
     def shared_with(self, other: type[Record]) -> dict[str, Any]:
-        """Return the values of the fields that another class of records has, too."""
+        """Return the values of the fields that this record has in common with another class of records."""
         own = {each.name for each in fields_of(type(self))}
         return {each.name: getattr(self, each.name) for each in fields_of(other) if each.name in own}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values of all fields, by their names."""
+        """Return the values of all fields of the record, by name."""
         return {each.name: getattr(self, each.name) for each in fields_of(type(self))}
 
     def __eq__(self, other: object) -> bool:
@@ -151,7 +151,7 @@ class Record:
         return hash((type(self), *self.to_dict().values()))
 
     def __repr__(self) -> str:
-        """Return the class and the values that are not the defaults; of a long one its class only."""
+        """Return class name and values that differ from the defaults; of a long text the class name only."""
         fields = {each.name: each for each in fields_of(type(self))}
         given = {name: getattr(self, name) for name in signature_of(type(self)).parameters}
         texts = {name: repr(value) for name, value in given.items() if fields[name].is_given(value)}
@@ -206,7 +206,7 @@ def signature_of(record: type) -> inspect.Signature:
 
 
 class CommandFunction(Protocol[P, Request_contra, Result_co]):
-    """Public function of a command: it takes the fields of its request as arguments, or the request itself."""
+    """Public function of a command: accepts the fields of its request as arguments, or the request itself."""
 
     @overload
     def __call__(self, request: Request_contra, /) -> Result_co: ...
@@ -218,9 +218,9 @@ class CommandFunction(Protocol[P, Request_contra, Result_co]):
 def command(
     request: Callable[P, Request_contra],
 ) -> Callable[[Callable[[Request_contra], Result_co]], CommandFunction[P, Request_contra, Result_co]]:
-    """Return a decorator that has a function of a request take the request's fields as arguments, too.
+    """Return a decorator: a function of a request also accepts the request's fields as arguments.
 
-    They are validated before the function is called: it raises ConfigError, and TypeError for arguments that do
+    The arguments are validated before the call, which raises ConfigError, and TypeError for arguments that do
     not fit. Signature and list of arguments in its docstring are those of the record.
     """
     record = cast(Any, request)
@@ -246,7 +246,7 @@ def command(
 
 
 def _arguments_text(record: type) -> str:
-    """Return the fields of a record as a list for a docstring."""
+    """Return the descriptions of a record's fields as the list of arguments in a docstring."""
     lines = []
     fields = {each.name: each for each in fields_of(record)}
     for each in map(fields.__getitem__, signature_of(record).parameters):
@@ -257,7 +257,7 @@ def _arguments_text(record: type) -> str:
 
 
 def value_of(name: str, value: object, kind: Kind) -> Any:
-    """Return the value of an argument as its kind reads it. Raises ConfigError."""
+    """Return the value of an argument, validated and converted by its kind. Raises ConfigError."""
     given = value
     if type(value) not in _PLAIN and isinstance(value, Real):
         given = int(value) if isinstance(value, Integral) else float(value)
@@ -272,12 +272,12 @@ def value_of(name: str, value: object, kind: Kind) -> Any:
 
 
 def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Read]) -> Read:
-    """Return a table as a record; issues are noted, and values that have them are `invalid` of their kind."""
+    """Return a table as a record; issues are noted, and invalid values replaced by the `invalid` of their kind."""
     return record(**read_values(issues, prefix, given, fields_of(record)))
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return the values of a table by its keys; issues are noted, for a missing key no others."""
+    """Return the values of a table by key; a missing key is noted as that issue only."""
     known_keys(issues, prefix, given, [each.name for each in fields])
     found: dict[str, Any] = {}
     for each in fields:
@@ -294,15 +294,15 @@ def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequenc
 
 
 def dotted(prefix: str, name: str) -> str:
-    """Return the dotted key of a table's key; the prefix of a file itself is empty."""
+    """Return the full dotted name of a key in the table `prefix`; of a key at the top level the name itself."""
     return f"{prefix}.{name}" if prefix else name
 
 
 def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
-    """Return a number within [low, high]. Raises ConfigError."""
+    """Return a value as a number if it is one within [low, high]. Raises ConfigError."""
     return float(value_of(name, value, Number(low, high, unit)))
 
 
 def seed_of(value: object, name: str = "seed") -> int:
-    """Return a seed. Raises ConfigError."""
+    """Return a value as a seed of a random generator. Raises ConfigError."""
     return int(value_of(name, value, SEED))

@@ -1,4 +1,4 @@
-"""The sections [requests], [reset] and [diagnostics] of a rig: an ECU's requests, reset and trouble codes."""
+"""Sections [requests], [reset] and [diagnostics] of a rig: an ECU's requests, reset and trouble codes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
 
 
 class ButtonTable(Record):
-    """The keys of `[requests.ACTION]`."""
+    """The keys of the table `[requests.ACTION]` of a rig: a signal that acts as the driver's button."""
 
     signal: Annotated[str, Field(Text(_SIGNAL), "signal that represents the button")]
     value: Annotated[float | str, Field(Label(), "its value while the button is pressed")]
@@ -37,7 +37,7 @@ class ButtonTable(Record):
 
 
 class ResetTable(Record):
-    """The keys of `[reset]`."""
+    """The keys of the table `[reset]` of a rig."""
 
     signal: Annotated[str | None, Field(Text(_SIGNAL), "signal that switches the ECU off, e.g. the relay of its "
         "supply", "none")] = None
@@ -61,7 +61,7 @@ class ResetTable(Record):
 
 @dataclass(frozen=True)
 class Reset:
-    """Ways to reset the ECU: signal, ECUReset over UDS, program; and the condition that it is ready."""
+    """Ways to reset the ECU (signal, ECUReset over UDS, program), and the condition by which it is ready."""
 
     press: Press | None = None
     uds: str = ""  # ECUReset's sub-function, one of services.RESETS
@@ -71,7 +71,7 @@ class Reset:
 
     @property
     def way(self) -> str:
-        """The one way of resetting the ECU while a scenario runs: "signal", "uds" or "command"."""
+        """The way in which the ECU is reset while a scenario runs: "signal", "uds" or "command"."""
         if self.press is not None:
             return "signal"
         return "uds" if self.uds else "command"
@@ -79,7 +79,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class DriverButtons:
-    """The driver's buttons by request, and the reset of the ECU, as a rig defines them; None: never reset."""
+    """A rig's buttons of the driver, by request, and its reset of the ECU (None: it is never reset)."""
 
     buttons: Mapping[str, Press]
     reset: Reset | None = None
@@ -89,9 +89,9 @@ NO_DRIVER = DriverButtons({})
 
 
 def buttons_of(given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> dict[str, Press]:
-    """Return the buttons of the section [requests] by action; issues are noted.
+    """Return the driver's buttons in the section [requests], by action; issues are noted.
 
-    `tables` are those of what the bench sends, `taken` the messages with mapped quantities.
+    `tables` describe what the bench sends, `taken` are the messages with mapped quantities.
     """
     known_keys(issues, "requests", given, BUTTONS)
     buttons = {}
@@ -108,7 +108,7 @@ def buttons_of(given: Table, tables: BusTables, taken: Sequence[str], issues: Co
 def reset_of(
     section: Table | None, tables: BusTables, taken: Sequence[str], has_diagnostics: bool, issues: ConfigIssues
 ) -> Reset | None:
-    """Return the reset of the section [reset], None without one; issues are noted.
+    """Return the ECU's reset in the section [reset], None without one; issues are noted.
 
     `tables` and `taken` are as for `buttons_of`; a reset over UDS needs diagnostics.
     """
@@ -151,19 +151,19 @@ _LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
 
 
 class _Identifier(OfKind[str | int]):
-    """A message of the database, or an identifier."""
+    """Kind of value: a message name of the database, or a CAN identifier."""
 
     allowed = f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
     invalid = -1
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
-        """Return the name or the identifier; -1 and an issue if it is neither."""
+        """Return the message name or the CAN identifier; -1 and an issue if the value is neither."""
         is_valid = isinstance(value, str) or is_whole(value, 0, _LAST)
         return value if is_valid else self.refused(issues, key, value)
 
 
 class _Padding(OfKind[int]):
-    """The byte that pads frames, or none."""
+    """Kind of value: the byte that pads diagnostic frames, or none."""
 
     allowed, invalid = 'a byte, 0 to 255, or "none" for frames without padding', 0
 
@@ -179,7 +179,7 @@ class _Padding(OfKind[int]):
 
 
 class DiagnosticsTable(Record):
-    """The keys of `[diagnostics]`."""
+    """The keys of the table `[diagnostics]` of a rig."""
 
     request: Annotated[str | int, Field(_Identifier(), "message with the tester's requests")]
     response: Annotated[str | int, Field(_Identifier(), "message with the ECU's responses")]
@@ -233,7 +233,7 @@ def diagnostics_of(
 
 
 def _identifier_in(issues: ConfigIssues, key: str, value: str | int, messages: Messages) -> int:
-    """Return an identifier with SocketCAN's flag if it is extended; -1 if it is not known."""
+    """Return the identifier of a message name or number, with SocketCAN's extended flag; -1 if unknown."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
     if why_not := messages.why_not(value):

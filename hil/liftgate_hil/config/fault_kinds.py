@@ -1,4 +1,4 @@
-"""The kinds of faults, each with its keys, its meaning, and what it changes: constants of the gate, or frames."""
+"""Kinds of faults, each with keys, meaning and effect: on constants of the gate model, or on frames."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class FaultKind:
-    """A kind of fault: meaning, keys, and edits as a function of the values and the side ("": the whole gate)."""
+    """A kind of fault: meaning, keys, and its edits as a function of values and side ("": the whole gate)."""
 
     name: str
     meaning: str
@@ -42,7 +42,7 @@ class FaultKind:
 
     @property
     def has_place(self) -> bool:
-        """Whether the kind has a `where`: a drive or a message."""
+        """Whether faults of the kind have the key `where`: a drive or a message."""
         return self.of in (DRIVE, MESSAGE)
 
 
@@ -66,7 +66,7 @@ def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Seq
 
 
 def _gain(values: Values, side: str) -> Sequence[Edit]:
-    """Return the edits of a gain, which also scales the offsets before it: faults act on the reading in turn."""
+    """Return the edits of a gain fault; earlier offsets are scaled, too, as faults act on the reading in turn."""
     offset = Edit(f"faults.{side}.current.offset", SCALE, float(values["factor"]))
     return [*_current("gain", SCALE, "factor")(values, side), offset]
 
@@ -86,7 +86,7 @@ def _bridge(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _drive(how: int, value: float | None, *names: str) -> Callable[[Values, str], Sequence[Edit]]:
-    """Return the edits of constants of a drive, to or by a value; None: by the key `factor`."""
+    """Return a function that returns edits of a drive's constants by `value`; None: by the key `factor`."""
     return lambda values, side: [
         Edit(f"plant.{side}.{name}", how, float(values["factor"]) if value is None else value) for name in names
     ]

@@ -1,4 +1,4 @@
-"""Read files that a user names, and report what is wrong with them."""
+"""Read files that a user names, and report errors in doing so."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _KINDS = (
 
 
 def issue_with(path: Path) -> str:
-    """Return why a path is no readable file, as the end of a message; "" if it is one.
+    """Return as text why a path is no readable file, the end of a message; "" if it is one.
 
     Opens nothing, as opening a pipe would block.
     """
@@ -37,19 +37,19 @@ def issue_with(path: Path) -> str:
 
 
 def is_there(path: Path) -> bool:
-    """Whether anything of that name exists, even if it cannot be read."""
+    """Whether a path exists, even if it cannot be read."""
     return issue_with(path) != "no such file"
 
 
 def check_file(path: Path, called: str = "") -> None:
-    """Raise ConfigError if a path is no readable file; `called` is its name in messages, else the path is."""
+    """Raise ConfigError if a path is no readable file; messages call it `called`, else by its path."""
     issue = issue_with(path)
     if issue:
         raise ConfigError(f"{called or path}: {issue}")
 
 
 def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
-    """Return a file's content of up to `most` bytes; `called` as in `check_file`. Raises ConfigError."""
+    """Return the bytes of a file, at most `most`; `called` as in `check_file`. Raises ConfigError."""
     check_file(path, called)
     try:
         size = path.stat().st_size

@@ -1,6 +1,6 @@
-"""The section [inject] of a rig file: messages of the test bench that act while the emulator runs.
+"""Section [inject] of a rig file: messages by which a test bench injects faults, requests and signal values.
 
-They inject faults, send requests to the ECU or set a signal, so that a panel can do so. The labels of a message
+So a panel can inject faults, send requests to the ECU or set a signal. The labels of a message
 decide: kinds of faults and requests go by their names, places by a drive, a message or a key of the vehicle file,
 signals by `Message.Signal`. So another place is one more line of the database.
 """
@@ -33,7 +33,7 @@ _SIGNAL = Text("MESSAGE.SIGNAL")
 
 
 class FaultOrder(Record):
-    """The keys of `[inject.fault]`."""
+    """The keys of the table `[inject.fault]` of a rig."""
 
     kind: Annotated[str, Field(_SIGNAL, "its labels are fault kinds of docs/scenario.md; `none` with `on` 0 ends "
         "all faults")]
@@ -47,7 +47,7 @@ class FaultOrder(Record):
 
 
 class BabblingOrder(Record):
-    """The keys of `[inject.babbling]`."""
+    """The keys of the table `[inject.babbling]` of a rig."""
 
     identifier: Annotated[str, Field(_SIGNAL, "identifier of the frames, above 0x7FF an extended one")]
     on: Annotated[str, Field(_SIGNAL, "1: babbling begins; 0: it ends")]
@@ -56,14 +56,14 @@ class BabblingOrder(Record):
 
 
 class RequestOrder(Record):
-    """The keys of `[inject.request]`."""
+    """The keys of the table `[inject.request]` of a rig."""
 
     action: Annotated[str, Field(_SIGNAL,
         "its labels are the rig's buttons: open, close, stop, reset, and `none`")]
 
 
 class SignalOrder(Record):
-    """The keys of `[inject.signal]`."""
+    """The keys of the table `[inject.signal]` of a rig."""
 
     name: Annotated[str, Field(_SIGNAL, "its labels are signals of the database that the bench may send, as "
         "Message.Signal")]
@@ -82,7 +82,7 @@ ORDERS: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class OrderMessage:
-    """A message that gives an order if it holds all of these signals."""
+    """A message of the test bench that gives an order if it holds all of these signals."""
 
     what: str  # key of ORDERS
     message: str
@@ -94,7 +94,7 @@ class OrderMessage:
 def orders_of(
     given: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> tuple[OrderMessage, ...]:
-    """Return the messages of the section; issues are noted. `taken` are the messages that gate or ECU send."""
+    """Return the messages of [inject]; issues are noted. `taken` are the messages that gate or ECU send."""
     known_keys(issues, "inject", given, ORDERS)
     found = [_order(what, given[what], tables, taken, issues) for what in ORDERS if what in given]
     return tuple(each for each in found if each is not None)
@@ -142,7 +142,7 @@ def _labels(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> tuple[str, ...]:
-    """Return the labels, without `none`, of the signal that selects what an order is about; issues are noted."""
+    """Return the labels, except `none`, of the signal that selects an order's subject; issues are noted."""
     name, known = {
         FAULT: ("kind", []),  # checked in rig_fit
         REQUEST: ("action", list(REQUESTS)),

@@ -1,4 +1,4 @@
-"""Kinds of values: what a key of a file or an option of a run may be, and how that is read."""
+"""Kinds of values: what a key of a file or an option of a run may hold, and how it is read."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ Value = TypeVar("Value")
 
 
 class Kind(Protocol):
-    """Kind of the values that a key may have."""
+    """Protocol of a kind of value that a key may have."""
 
     @property
     def allowed(self) -> str:
-        """The allowed values in words."""
+        """The allowed values in words, for messages."""
 
     @property
     def invalid(self) -> Any:
-        """The value in memory in place of an invalid or missing one."""
+        """The value that stands in memory for an invalid or missing one."""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is in memory; `invalid` and an issue if it is not allowed."""
+        """Return a value as it is held in memory; `invalid` and an issue if it is not allowed."""
 
 
 class OfKind(Generic[Value]):
-    """Base of the kinds, with their words and the value in memory in place of an invalid or missing one."""
+    """Base class of the kinds of values, with `allowed` in words and the substitute `invalid`."""
 
     allowed: str
     invalid: Value
@@ -45,13 +45,13 @@ class OfKind(Generic[Value]):
         self.allowed = allowed or self.allowed
 
     def refused(self, issues: ConfigIssues, key: str, value: object) -> Value:
-        """Note that a value is not allowed, and return the one in its place."""
+        """Note that a value is not allowed, and return the substitute `invalid`."""
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
         return self.invalid
 
 
 class Number(OfKind[float]):
-    """Kind of value: a number from `low` to `high` [`unit`], times `scale` in the unit in memory."""
+    """Kind of value: a number from `low` to `high` [`unit`], multiplied by `scale` for the unit in memory."""
 
     invalid = math.nan
 
@@ -70,19 +70,19 @@ class Flag(OfKind[bool]):
     allowed, invalid = "true or false", False
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """Return the value; false and an issue if it is no boolean."""
+        """Return the boolean; false and an issue if the value is no boolean."""
         return value if isinstance(value, bool) else self.refused(issues, key, value)
 
 
 class Whole(OfKind[int]):
-    """Kind of value: a whole number within [low, high]; invalid ones are `low`."""
+    """Kind of value: a whole number within [low, high]; `low` stands for invalid ones."""
 
     def __init__(self, low: int, high: int) -> None:
         super().__init__(f"a whole number from {low} to {high}")
         self.low, self.high, self.invalid = low, high, low
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
-        """Return the number; `low` and an issue if it is invalid."""
+        """Return the whole number; `low` and an issue if it is invalid."""
         found = int(value) if isinstance(value, float) and value.is_integer() else value
         return found if is_whole(found, self.low, self.high) else self.refused(issues, key, value)
 
@@ -111,7 +111,7 @@ class Choice(OfKind[str]):
         self.words = words
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the word; "" and an issue if it is none of them."""
+        """Return the word; "" and an issue if the value is none of those allowed."""
         return text(issues, key, value, self.words)
 
 
@@ -131,7 +131,7 @@ class Choices(OfKind[tuple[str, ...]]):
 
 
 class Level(OfKind[float]):
-    """Kind of value: a binary level, 0 or 1, or the word for it."""
+    """Kind of value: a binary level, 0 or 1, or a word for a level."""
 
     invalid = math.nan
 
@@ -140,19 +140,19 @@ class Level(OfKind[float]):
         self.words = words
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
-        """Return 0.0 or 1.0; NaN and an issue if it is neither."""
+        """Return the level, 0.0 or 1.0; NaN and an issue if it is invalid."""
         if isinstance(value, str) and value in self.words:
             return float(self.words.index(value))
         return float(value) if is_number(value) and value in (0, 1) else self.refused(issues, key, value)
 
 
 class Label(OfKind[float]):
-    """Kind of value: that of a signal, as a number in the database's unit or a label of its value table."""
+    """Kind of value: value of a bus signal, as a number in the database's unit or a label of its value table."""
 
     allowed, invalid = "a number, or a label of the signal", math.nan
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
-        """Return the number or the label; NaN and an issue if it is neither."""
+        """Return the number or the label; NaN and an issue if the value is neither."""
         if isinstance(value, str) and value:
             return value
         if is_number(value) and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
@@ -168,7 +168,7 @@ class Text(OfKind[str]):
     allowed, invalid = "a text", ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the text, of a path, too; "" and an issue if it is none."""
+        """Return the text, also of a path; "" and an issue if the value is no text or empty."""
         value = os.fspath(value) if isinstance(value, os.PathLike) else value
         return value if isinstance(value, str) and value.strip() else self.refused(issues, key, value)
 
@@ -207,12 +207,12 @@ class File(OfKind[Path]):
     allowed, invalid = "a path", Path()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Path:
-        """Return the path; an issue if it is none."""
+        """Return the path; an issue if the value is no path."""
         return Path(value) if _is_named(value) else self.refused(issues, key, value)
 
 
 class Paths(OfKind[tuple[Path, ...]]):
-    """Kind of value: paths of files, in a list, or one."""
+    """Kind of value: paths of files, in a list, or a single path."""
 
     allowed, invalid = "a path, or a list of them", ()
 
@@ -226,7 +226,7 @@ class Paths(OfKind[tuple[Path, ...]]):
 
 
 class Loaded(OfKind[Any]):
-    """Kind of value: a shipped name, a file, or an object of a class of these names that was loaded from one.
+    """Kind of value: a shipped name, a file, or an object already loaded from one, of a class with these names.
 
     Not every command loads the classes; the first one is public.
     """
@@ -238,20 +238,20 @@ class Loaded(OfKind[Any]):
         self._classes = classes
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is; an issue if it is none of these."""
+        """Return the value unchanged; an issue if it is neither name, file nor such an object."""
         is_valid = _is_named(value) or type(value).__name__ in self._classes
         return value if is_valid else self.refused(issues, key, value)
 
 
 class NumbersByName(OfKind[dict[str, float]]):
-    """Kind of value: numbers by their names, as a mapping or as texts NAME=VALUE."""
+    """Kind of value: numbers by name, as a mapping or as texts NAME=VALUE."""
 
     allowed, invalid = "NAME=VALUE with a finite number, each name once", _EMPTY
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> dict[str, float]:
-        """Return the numbers by their names; an issue if the texts state none, or a name twice.
+        """Return the numbers by name; an issue if a text states none, or a name twice.
 
-        Those of a mapping are validated where they are used, which states their ranges.
+        Numbers in a mapping are validated where they are used, with their ranges there.
         """
         if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
             return dict(value)
@@ -270,32 +270,32 @@ class NumbersByName(OfKind[dict[str, float]]):
 
 
 class NumberOr(OfKind[None]):
-    """Kind of value: a number, or a word; `allowed` is what messages call it."""
+    """Kind of value: a number, or one word; `allowed` is what messages call it."""
 
     invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str | None:
-        """Return the value; None and an issue if it is neither."""
+        """Return the number or the word; None and an issue if the value is neither."""
         return value if isinstance(value, str) or is_number(value) else self.refused(issues, key, value)
 
 
 class Raw(OfKind[None]):
-    """Kind of value: any, which a reader of its own validates later."""
+    """Kind of value: any value, which another reader validates later."""
 
     invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value as it is."""
+        """Return the value unchanged."""
         return value
 
 
 class Subtable(OfKind[Table]):
-    """Kind of value: a table, whose keys are read later."""
+    """Kind of value: a table, whose keys are read separately."""
 
     allowed, invalid = "a table", _EMPTY
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Table:
-        """Return the table; an empty one and an issue if it is none."""
+        """Return the table; an empty one and an issue if the value is no table."""
         return table(issues, key, value)
 
 
@@ -305,7 +305,7 @@ def _is_named(value: object) -> bool:
 
 
 def listed(given: str | Path | Sequence[str | Path]) -> list[str | Path]:
-    """Return the items of a value of Texts or Paths: those of a list, or the single one."""
+    """Return the items of a value of kind Texts or Paths: those of a list, or the single one."""
     return [given] if isinstance(given, str | Path) else list(given)
 
 

@@ -1,4 +1,4 @@
-"""The tables [messages.*] of a rig file: cycle, timeout and protection of messages, also a manufacturer's own."""
+"""Tables [messages.*] of a rig file: cycle, timeout and protection of messages, manufacturers' own included."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DATA_ID = f"0 to 0x{_LARGEST_ID:X}, or a list of 2 to {MOST_DATA_IDS} of these"
 
 
 class _Bits(OfKind[int]):
-    """A number of at most as many bits as the signal has."""
+    """Kind of value: a number of at most as many bits as the checksum's signal has."""
 
     invalid = 0
 
@@ -53,7 +53,7 @@ class _Bits(OfKind[int]):
 
 
 class ChecksumTable(Record):
-    """The keys of `checksum = {…}` of a message."""
+    """The keys of the table `checksum = {…}` of a message."""
 
     signal: Annotated[str, Field(Text("a signal of the message"), "signal that carries the checksum")]
     width: Annotated[int, Field(Whole(1, _MOST_BITS), "number of bits, that of the signal")]
@@ -71,7 +71,7 @@ class ChecksumTable(Record):
 
 
 class CounterTable(Record):
-    """The keys of `counter = {…}` of a message."""
+    """The keys of the table `counter = {…}` of a message."""
 
     signal: Annotated[str, Field(Text("a signal of the message"), "signal that counts frames, of 1 to 64 bits")]
     start: Annotated[int | None, Field(_Bits(), "value in the first frame", "`lowest`")] = None
@@ -86,7 +86,7 @@ class CounterTable(Record):
 
 
 def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message) -> tuple[str | None, Counting]:
-    """Return the signal of a counter, and how it counts; issues are noted under `key` and keys below it."""
+    """Return a counter's signal and counting parameters; issues are noted under `key` and keys below it."""
     before = issues.count
     counter = read_record(issues, key, given, CounterTable)
     name, bits = _signal(issues, key, counter.signal, message)
@@ -115,7 +115,7 @@ def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message
 def checksum_table(
     issues: ConfigIssues, key: str, given: Table, message: Message, counter: str | None
 ) -> tuple[str | None, Rocksoft | None]:
-    """Return the signal of a checksum, and its parameters; issues are noted under `key` and keys below it.
+    """Return a checksum's signal and parameters; issues are noted under `key` and keys below it.
 
     `counter` is the counter signal of the message.
     """
@@ -152,7 +152,7 @@ def checksum_table(
 
 
 def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tuple[str | None, int]:
-    """Return the name of a signal of the message and its length [bits]; None and 0 if there is none."""
+    """Return name and length [bits] of the message's signal that a table names; None and 0 if there is none."""
     signals = {each.name: each.length for each in message.signals}
     if name in signals:
         return name, signals[name]
@@ -162,7 +162,7 @@ def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tupl
 
 
 def _own_data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -> tuple[int, ...]:
-    """Return the data ID or the list of data IDs as a tuple, empty if there is none."""
+    """Return the data ID or the list of data IDs of a manufacturer's checksum, as a tuple."""
     if value is None:
         return ()
     is_list = isinstance(value, list)
@@ -179,7 +179,7 @@ def _own_data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | Non
 
 @dataclass(frozen=True)
 class _Frame:
-    """The parts of a frame that a checksum may cover."""
+    """A message's frame with the parts that a checksum may cover: payload, identifier, counter, data ID."""
 
     message: Message
     checksum: str
@@ -187,11 +187,11 @@ class _Frame:
     data_ids: tuple[int, ...]
 
     def bytes_of(self, part: str) -> int:
-        """Return how many bytes of a part may be selected."""
+        """Return the number of bytes that may be selected in a part of the frame."""
         return {"payload": self.message.length, "identifier": 4, "counter": 8, "data_id": 4}[part]
 
     def whole(self, part: str) -> Iterator[Covered]:
-        """Yield all of a part; of the payload all bytes that do not belong to the checksum alone."""
+        """Yield all bytes of a part; of the payload all that do not belong to the checksum alone."""
         if part == "payload":
             yield from self._payload()
             return
@@ -215,7 +215,7 @@ class _Frame:
 
 
 def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[Covered, ...]:
-    """Return the bytes that a checksum covers, in order; issues are noted."""
+    """Return the bytes of a frame that a checksum covers, in order; issues are noted."""
     if not isinstance(value, list | tuple) or not value:
         issues.add(key, f"{show(value)}; allowed: {_COVERS}")
         return ()
@@ -264,7 +264,7 @@ _FRAMES = Raw("a whole number from 0 to `window`")
 
 
 class UnprotectedTable(Record):
-    """The keys of `[messages.NAME]` for any protection."""
+    """The keys of `[messages.NAME]` that do not depend on its E2E profile."""
 
     cycle_ms: Annotated[float | None, Field(Number(0.1, LONGEST_MS, "ms"), "cycle time of the message",
         "the database's `GenMsgCycleTime`, if it is cyclic")] = None
@@ -283,7 +283,7 @@ class UnprotectedTable(Record):
 
 
 class MessageTable(UnprotectedTable):
-    """The keys of `[messages.NAME]`, those of the AUTOSAR E2E profiles included."""
+    """The keys of `[messages.NAME]`, including those of the AUTOSAR E2E profiles."""
 
     data_id: Annotated[int | None, Field(Whole(0, 0xFFFF), "data ID of the message",
         "required by profiles 1 and 5")] = None
@@ -301,7 +301,7 @@ class MessageTable(UnprotectedTable):
 
 
 class StateMachineTable(Record):
-    """The keys of `state_machine` of a message."""
+    """The keys of the table `state_machine` (AUTOSAR E2E) of a message."""
 
     window: Annotated[int, Field(Whole(1, MAX_WINDOW), "number of frames by which the state is decided")] = 1
     min_ok_init: Annotated[Any, Field(_FRAMES, "state INIT: required frames with status OK in the window")] = 1
@@ -321,7 +321,7 @@ _E2E = [each.name for each in fields_of(MessageTable) if not hasattr(Unprotected
 
 
 def message_options(issues: ConfigIssues, section: Table, messages: Messages) -> dict[str, MessageOptions]:
-    """Return the options of messages from the tables [messages.*], by name; issues are noted."""
+    """Return the options of messages in the tables [messages.*], by message; issues are noted."""
     known_keys(issues, "messages", section, [*messages, *messages.left_out])
     result = {}
     for name, value in section.items():
@@ -346,7 +346,7 @@ def message_options(issues: ConfigIssues, section: Table, messages: Messages) ->
 def _protection(
     issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: Message
 ) -> MessageOptions:
-    """Return the settings of a message without its times; `raw` are the keys that it has."""
+    """Return the protection settings of a message, without its times; `raw` are the keys given in the file."""
     signals = [each.name for each in message.signals]
     counting, own = Counting(), None
     counter, checksum = given.counter, given.checksum
@@ -382,7 +382,7 @@ def _protection(
 def _end_to_end(
     issues: ConfigIssues, key: str, given: MessageTable, raw: Table, signals: list[str]
 ) -> EndToEnd | None:
-    """Return the E2E profile of a message; None if it has none."""
+    """Return the AUTOSAR E2E settings of a message; None if it has none."""
     profile, mode = given.protection, given.data_id_mode
     if profile in ("", "simple"):
         for name in _E2E:
@@ -418,7 +418,7 @@ def _end_to_end(
 
 
 def _data_ids(issues: ConfigIssues, key: str, given: MessageTable, raw: Table) -> tuple[int, ...]:
-    """Return the data ID, or the list of profile 2."""
+    """Return the E2E data ID as a tuple; of profile 2 the list of data IDs."""
     required, other = ("data_id_list", "data_id") if given.protection == "e2e-p02" else ("data_id", "data_id_list")
     if other in raw:
         issues.add(f"{key}.{other}", f"{given.protection} has none; allowed: {required}")

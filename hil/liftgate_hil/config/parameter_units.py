@@ -1,4 +1,4 @@
-"""Units of a scenario's parameters, from where they stand: a key with a unit, or a comparison with columns."""
+"""Units of a scenario's parameters, derived from where they are used: keys with a unit, or conditions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NAMES = re.compile(r"(\$?)(\w[\w.]*)")
 
 
 def parameter_units(files: Iterable[Table]) -> dict[str, str]:
-    """Return the unit of each parameter that always has the same one; `files` are those of a scenario."""
+    """Return the unit of each parameter whose uses all have the same unit; `files` are a scenario's content."""
     found: dict[str, set[str]] = {}
     for content in files:
         for name, unit in _uses(content):
@@ -41,7 +41,7 @@ def parameter_units(files: Iterable[Table]) -> dict[str, str]:
 
 
 def _uses(content: Table) -> Iterator[tuple[str, str]]:
-    """Yield each parameter and the unit of a place where it stands."""
+    """Yield each use of a parameter in a file: its name, and the unit there."""
     yield from _of_keys(content, fields_of(ScenarioTable))
     for name, value in _entries(content.get("set")):
         key = key_of(tuple(name.split(".")))
@@ -71,7 +71,7 @@ def _tables(value: Any) -> Sequence[Table]:
 
 
 def _of_keys(content: Table, keys: Sequence[Field]) -> Iterator[tuple[str, str]]:
-    """Yield the parameters that are values of these keys, or stand in a condition."""
+    """Yield name and unit of parameters used as values of these keys, or in a condition."""
     for key in keys:
         value = content.get(key.name)
         if isinstance(value, str):
@@ -87,7 +87,7 @@ def _of_value(value: Any, unit: str) -> Iterator[tuple[str, str]]:
 
 
 def _of_condition(text: str) -> Iterator[tuple[str, str]]:
-    """Yield the parameters that are added to or compared with columns of one unit."""
+    """Yield name and unit of parameters that a condition adds to or compares with columns of one unit."""
     for part in _JOINTS.split(text):
         if "*" in part or "/" in part:
             continue  # a factor has another unit

@@ -1,4 +1,4 @@
-"""Read and change parameters of a vehicle by their names in the vehicle file.
+"""Read and change parameters of a vehicle by their dotted names in the vehicle file.
 
 "motor.resistance" is that of both drives, "left.motor.resistance" that of one, "gate.gravity_point[0]" the x of a
 point, "environment.road_slope_deg" a name with its unit. Values here are in the file's unit.
@@ -53,7 +53,7 @@ BODY_TABLES: Mapping[str, type] = {
 
 
 class Key(NamedTuple):
-    """A key of a table: its field, quantity, type and default."""
+    """A key of a table in a vehicle file: its field, quantity, type and default."""
 
     field: str  # field of the table's class
     quantity: Quantity
@@ -63,14 +63,14 @@ class Key(NamedTuple):
 
 @functools.cache
 def dotted_keys() -> list[str]:
-    """Return TABLE.KEY of all keys in the tables of a vehicle file."""
+    """Return the dotted names TABLE.KEY of all keys in a vehicle file."""
     tables = {**BODY_TABLES, **DRIVE_TABLES}
     return [f"{table}.{key}" for table, kind in tables.items() for key in keys_of(kind)]
 
 
 @functools.cache
 def keys_of(kind: type) -> Mapping[str, Key]:
-    """Return the keys of a table as they are named in the file."""
+    """Return the keys of a table of a vehicle file, by their names there."""
     defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
     result = {}
     for field, hint in get_type_hints(kind, include_extras=True).items():
@@ -83,7 +83,7 @@ _NAME = re.compile(r"(?:(left|right)\.)?(\w+)\.(\w+?)(?:\[([01])\])?")
 
 
 class FreeParameter(NamedTuple):
-    """A free parameter: its name, and where its value is in a vehicle."""
+    """A free parameter of a vehicle: its name, and where the vehicle object holds its value."""
 
     name: str
     sides: tuple[str, ...]  # drives that it applies to; empty: a table of the body
@@ -94,7 +94,7 @@ class FreeParameter(NamedTuple):
 
 
 def find_parameter(vehicle: Vehicle, name: str) -> FreeParameter:
-    """Return the parameter of a name. Raises ValueError, which says what is allowed."""
+    """Return the parameter with this name. Raises ValueError, which says what is allowed."""
     match = _NAME.fullmatch(name)
     known = {each.name: each for each in all_parameters(vehicle.drives)}
     if match is None or name not in known:
@@ -140,7 +140,7 @@ def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParam
 
 
 def value_of(vehicle: Vehicle, parameter: FreeParameter) -> float:
-    """Return the value of a parameter in the file's unit; of both drives the left one's."""
+    """Return a parameter's value in the file's unit; of a parameter of both drives, the left one's."""
     tables: Any = getattr(vehicle, parameter.sides[0]) if parameter.sides else vehicle
     value = getattr(getattr(tables, parameter.table), parameter.field)
     number = value if parameter.coordinate < 0 else value[parameter.coordinate]
@@ -148,7 +148,7 @@ def value_of(vehicle: Vehicle, parameter: FreeParameter) -> float:
 
 
 def with_value(vehicle: Vehicle, parameter: FreeParameter, value: float) -> Vehicle:
-    """Return the vehicle with another value of a parameter, in the file's unit."""
+    """Return a copy of the vehicle with another value of a parameter, in the file's unit."""
     number = value * parameter.quantity.scale
 
     def changed(tables: Any) -> Any:
@@ -166,7 +166,7 @@ def with_value(vehicle: Vehicle, parameter: FreeParameter, value: float) -> Vehi
 
 
 def with_values(vehicle: Vehicle, parameters: Sequence[FreeParameter], values: Sequence[float]) -> Vehicle:
-    """Return the vehicle with other values of several parameters, in the file's units."""
+    """Return a copy of the vehicle with other values of several parameters, in the file's units."""
     for parameter, value in zip(parameters, values, strict=True):
         vehicle = with_value(vehicle, parameter, value)
     return vehicle

@@ -1,4 +1,4 @@
-"""Plausibility of a vehicle: values that are allowed, but that no power lift gate has, as with a wrong unit.
+"""Plausibility of a vehicle: notes on allowed values that no power lift gate has, e.g. due to a wrong unit.
 
 The bounds are wide: the shipped vehicles, and those drawn from their spreads, are far from them. What is compared
 follows from several values of the file, and a note names all of them.
@@ -26,7 +26,7 @@ _MOST_PLAY = 0.2  # of a revolution of the spindle
 
 
 def notes_on_vehicle(vehicle: Vehicle) -> list[str]:
-    """Return the values of a vehicle that are not plausible, a line each; empty: all are."""
+    """Return a note for each implausible property of a vehicle, a line each; empty: there is none."""
     sides = (vehicle.left, vehicle.right)[: vehicle.drives]
     notes = [each for tables in sides for each in _notes_on_drive(vehicle, tables)]
     notes += _notes_on_gate(vehicle, sides)

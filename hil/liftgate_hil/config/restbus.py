@@ -1,4 +1,4 @@
-"""Signals of the restbus in files and programs: `Message.Signal`, and a value or its label."""
+"""Restbus signals set by files and programs: `Message.Signal` with a value or a label."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SignalValue:
-    """The value of a signal from an instant on, in the database's unit or as a label."""
+    """A signal's value that applies from an instant on, in the database's unit or as a label."""
 
     when: Instant
     signal: str
@@ -36,7 +36,7 @@ class SignalValue:
 
 @dataclass(frozen=True)
 class Press:
-    """A signal that acts as a button: `value` for `hold` [s], else `rest` [the database's unit]."""
+    """Signal of a button: `value` for `hold` [s] while it is pressed, else `rest` [the database's unit]."""
 
     signal: str
     value: float
@@ -47,7 +47,7 @@ class Press:
 def changes_in(
     values: Sequence[SignalValue], tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> list[SignalChange]:
-    """Return the signal changes of a restbus; issues are noted. `taken` are the messages that gate or ECU send."""
+    """Return the changes of restbus signals; issues are noted. `taken`: messages that gate or ECU send."""
     found = []
     for each in values:
         value_key = f"{each.key}.value"
@@ -60,7 +60,7 @@ def changes_in(
 
 
 def pressed(press: Press, when: Instant) -> list[SignalChange]:
-    """Return the two signal changes of a button that is pressed at an instant."""
+    """Return the two signal changes, press and release, of a button that is pressed at an instant."""
     if when.condition:
         end = moved(when, when.delay + press.hold)
     else:
@@ -74,7 +74,7 @@ def pressed(press: Press, when: Instant) -> list[SignalChange]:
 def value_in(
     key: str, name: str, value: object, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> float | None:
-    """Return a signal's value in the database's unit; None and an issue if signal or value is invalid.
+    """Return a signal's value, given as number or label, in the database's unit; None and an issue if invalid.
 
     `key` is the prefix of the keys signal and value in issues.
     """
@@ -94,7 +94,7 @@ def value_in(
 
 
 def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str, ...]:
-    """Return all signals (`Message.Signal`) that the bench may send on a bus, with `is_fd` also in CAN FD frames.
+    """Return all signals (`Message.Signal`) that the bench may send on a bus; `is_fd`: also in CAN FD frames.
 
     `taken` are the messages that gate or ECU send. Messages with more than MAX_PAGES pages are left out.
     """
@@ -115,7 +115,7 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
 def check_signal(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> DatabaseSignal | None:
-    """Return the database's signal of a name if the bench may send it; else None and an issue."""
+    """Return the database's signal with this name if the bench may send it; else None and an issue."""
     message = tables.messages.get(name.partition(".")[0])
     made = set() if message is None else signals_made(message, tables.options.get(message.name))
     free = [each for each in tables.messages if each not in taken]
@@ -134,7 +134,7 @@ def check_signal(
 
 
 def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal) -> str:
-    """Return why the restbus cannot send a message with this signal; "" if it can."""
+    """Return as text why the restbus cannot send the message of this signal; "" if it can."""
     if is_taken:
         return "the gate or the ECU sends it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:

@@ -38,7 +38,7 @@ COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
 class RigTable(Record):
-    """Top-level keys of a rig file."""
+    """The top-level keys of a rig file."""
 
     dbc: Annotated[str, Field(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, "
         "or a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
@@ -60,7 +60,7 @@ class RigTable(Record):
 # fmt: on
 @dataclass(frozen=True)
 class Rig:
-    """A rig, checked against its database."""
+    """A rig file as read, checked against its database."""
 
     database: Path
     bitrate: float
@@ -76,17 +76,17 @@ class Rig:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on what of the database is left out, as it is faulty."""
+        """Notes on the messages of the database that are left out because of errors."""
         return tuple(f"{self.database}: {note}" for note in self.messages.notes)
 
     @cached_property
     def tables(self) -> BusTables:
-        """The tables of what the bench sends with this rig."""
+        """The messages, mapped outputs and options by which the bench sends frames."""
         return BusTables(self.messages, self.outputs, self.options, self.source)
 
     @property
     def settable(self) -> tuple[str, ...]:
-        """The signals that can be set during a run: by a test bench, and for requests."""
+        """The signals that may be set during a run, by a test bench or for requests."""
         names = [each.signal for each in self.driver.buttons.values()]
         if self.driver.reset is not None and self.driver.reset.press is not None:
             names.append(self.driver.reset.press.signal)
@@ -95,7 +95,7 @@ class Rig:
 
     @cached_property
     def sendable(self) -> tuple[str, ...]:
-        """All signals of the database that the bench may send."""
+        """All signals of the database that the bench may send as restbus."""
         return sendable(self.tables, self.mapped, self.is_fd)
 
     @property
@@ -105,15 +105,15 @@ class Rig:
 
     @property
     def mapped(self) -> tuple[str, ...]:
-        """The names of the messages with inputs and outputs."""
+        """Names of the messages that carry inputs and outputs."""
         return tuple(dict.fromkeys(wire.message for wire in (*self.inputs, *self.outputs)))
 
     def input_config(self, sending: bool = False) -> BusConfig:
-        """Return the tables of the inputs: received by the emulator, sent by an ECU. Nobody changes them."""
+        """Return the tables of the inputs (ECU to emulator), shared by all callers, who do not change them."""
         return self._bus_config("inputs", self.inputs, BUS_INPUTS, sending)
 
     def output_config(self, sending: bool = True) -> BusConfig:
-        """Return the tables of the outputs: sent by the emulator, received by an ECU. Nobody changes them."""
+        """Return the tables of the outputs (emulator to ECU), shared by all callers, who do not change them."""
         return self._bus_config("outputs", self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
@@ -128,11 +128,11 @@ class Rig:
 
     @cached_property
     def _configs(self) -> dict[tuple[str, bool], BusConfig]:
-        """The tables that have been made, by section and whether its messages are sent."""
+        """Cache of the tables of inputs and outputs, by section and by whether the messages are sent."""
         return {}
 
     def range_held(self, wire: SignalMapping) -> tuple[float, float]:
-        """Return the range of a mapped quantity [its unit] that is rounded to values which the signal can hold."""
+        """Return the range of a mapped quantity that its signal can hold after rounding [the quantity's unit]."""
         place = wire.message, wire.signal, wire.quantity
         if place not in self._ranges:
             signal = self.messages[wire.message].get_signal_by_name(wire.signal)
@@ -143,19 +143,19 @@ class Rig:
 
     @cached_property
     def _ranges(self) -> dict[tuple[str, str, str], tuple[float, float]]:
-        """The ranges that have been determined, by message, signal and quantity."""
+        """Cache of the ranges by `range_held`, by message, signal and quantity."""
         return {}
 
     def command_message(self) -> str:
-        """Return the name of the message with the motor command."""
+        """Return the name of the message that carries the motor command."""
         return next(wire.message for wire in self.inputs if wire.quantity == "left_duty")
 
     def command_identifier(self) -> int:
-        """Return the identifier of the command message, with SocketCAN's flag if it is extended."""
+        """Return the identifier of the motor command's message, with SocketCAN's flag if extended."""
         return self.identifier(self.command_message())
 
     def message_at(self, place: str, is_sent: bool, is_received: bool) -> str:
-        """Return the message with the name `place`, or with the quantity `place`; `place` if there is none.
+        """Return the name of the message that is called `place` or carries the quantity `place`; else `place`.
 
         An input and an output may be the same quantity: of `is_sent` and `is_received`, that which holds counts.
         """
@@ -169,9 +169,9 @@ class Rig:
         return identifier_of(self.messages[name])
 
     def command_cycle_ms(self) -> float:
-        """Return how often an ECU sends the command [ms].
+        """Return the period at which an ECU sends the motor command [ms].
 
-        That is its message's cycle. A message on events has none: then that of the left motor's current, or 10 ms.
+        This is the message's cycle; without one (sent on events) that of the left motor's current, or 10 ms.
         """
         return self.cycle_ms(self.command_message()) or self.current_cycle_ms() or _COMMAND_MS
 
@@ -185,19 +185,19 @@ class Rig:
         return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
     def timeout_ms(self, name: str) -> float:
-        """Return how long a message may be missing until its last values expire [ms]; 0: they never do."""
+        """Return the time without a frame after which a message's last values expire [ms]; 0: never."""
         return timeout_of(self.messages[name], self.options.get(name, MessageOptions()))
 
 
 def load_rig(path: Path) -> Rig:
-    """Return the rig of a file. Raises ConfigError with all issues of the file."""
+    """Read and return the rig of a file. Raises ConfigError with all issues of the file."""
     rig, issues = read_rig(path)
     issues.raise_if_any()
     return rig
 
 
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
-    """Return the rig of a file, as far as it can be read, and its issues.
+    """Read a rig file; return the rig, as far as it can be read, and its issues.
 
     Raises ConfigError if the file is not TOML, e.g. a database, or one of another kind.
     """
@@ -212,7 +212,7 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
 
 
 def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> tuple[Rig, ConfigIssues]:
-    """Return the rig of a file's content, as far as it can be read, and its issues.
+    """Return the rig of a file's parsed content, as far as it can be read, and its issues.
 
     `path` names the content, and the database is looked for beside it; `messages` are the database's messages if
     they have been read before.
@@ -256,7 +256,7 @@ def rig_of_content(raw: Table, path: Path, messages: Messages | None = None) -> 
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
-    """Check the rig as a whole, for issues that no single line of the file shows."""
+    """Note issues of a rig as a whole, which no single line of the file shows."""
     mapped = {wire.quantity for wire in rig.inputs}
     if "left_duty" not in mapped:
         issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
@@ -303,7 +303,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
 
 
 def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set[str]) -> None:
-    """Check that a duty without a direction signal is signed, as its sign then says which way the motor turns."""
+    """Note a duty that is unsigned without a direction signal: the sign then gives the motor's direction."""
     direction = wire.quantity.replace("_duty", "_direction")
     low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
     if direction not in mapped and not low < 0.0 < high:
@@ -319,7 +319,7 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
 
 
 def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
-    """Check that a direction can drive the motor: with one, the sign of the duty does not count."""
+    """Note a direction signal that cannot drive the motor: with one, the sign of the duty is ignored."""
     if wire.values is not None and not {"open", "close"} & set(wire.values):
         issues.add(
             f"inputs.{wire.quantity}.values",
@@ -329,7 +329,7 @@ def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
 
 
 def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
-    """Whether cars use an identifier for diagnostics: ISO 15765-4 for 11 bits, ISO 15765-2 for 29."""
+    """Whether an identifier is reserved for diagnostics: ISO 15765-4 for 11 bits, ISO 15765-2 for 29."""
     if is_extended:
         return identifier >> 16 in (0x18DA, 0x18DB)
     return 0x7E0 <= identifier <= 0x7EF

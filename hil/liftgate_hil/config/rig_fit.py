@@ -35,7 +35,7 @@ _DUTY = 0.5  # that every motion needs
 
 
 class ExpectedRange(NamedTuple):
-    """The range of a quantity in its unit: in every opening and closing (low to high), and at most."""
+    """Expected range of a quantity: `low` to `high` in every opening and closing, and the extremes."""
 
     low: float
     high: float
@@ -48,12 +48,12 @@ def _whole(low: float, high: float) -> ExpectedRange:
 
 
 def _part(share: float, most: float) -> ExpectedRange:
-    """Return ranges of both signs: `share` of `most` in every motion, and `most` in the extreme."""
+    """Return a symmetrical range: ±`share`·`most` in every motion, ±`most` in the extreme."""
     return ExpectedRange(-share * most, share * most, -most, most)
 
 
 def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
-    """Return the values that outputs of a rig have on this vehicle, as far as they are known beforehand."""
+    """Return the ranges that a rig's outputs have on this vehicle, as far as they are known beforehand."""
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
     supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope
@@ -81,7 +81,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
 
 
 def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, ExpectedRange]:
-    """Return the expected values of one drive, by names without its side; at most stalled or without load."""
+    """Return the expected ranges of one drive, by names without its side; extremes: stalled or without load."""
     sensors, motor, supply = vehicle.sensors, drive.motor, vehicle.supply.voltage
     stall = supply / motor.resistance
     turns = stroke * drive.gear.ratio / drive.spindle.lead
@@ -102,9 +102,9 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
 
 
 def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
-    """Raise ConfigError if a rig does not fit a vehicle and a rate [Hz].
+    """Raise ConfigError if a rig does not fit a vehicle and a loop rate [Hz].
 
-    That is: a signal cannot hold what every motion of the vehicle needs, a message is sent more than once a tick,
+    Reasons: a signal cannot hold what every motion of the vehicle needs, a message is sent more than once a tick,
     or a message that injects faults has labels of unknown kinds.
     """
     issues = ConfigIssues(rig.source)
@@ -132,7 +132,7 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
 
 
 def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
-    """Return what is worth knowing before a run, a line each: of the vehicle itself, and of the rig for it."""
+    """Return notes for the user before a run, a line each: on the vehicle itself, and on the rig for it."""
     notes = [f"vehicle: {each}" for each in notes_on_vehicle(vehicle)]
     root, source = data_root().resolve(), Path(rig.source).resolve()
     if rig.database.resolve().is_relative_to(root / "dbc") and not source.is_relative_to(root):
@@ -171,7 +171,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
 
 
 def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
-    """Yield a note for each cycle that is no whole number of ticks, with all messages that have it."""
+    """Yield a note, with all messages concerned, for each cycle that is no whole number of ticks."""
     found: dict[int, list[str]] = {}
     for name, cycle_ns in _cycles(rig, rig.outputs):
         ticks = cycle_ns * rate / NS
@@ -186,7 +186,7 @@ def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
 
 
 def _sent_by_the_ecu(rig: Rig) -> Iterator[str]:
-    """Yield a note for each message of the gate that the sender of the command sends by the database."""
+    """Yield a note for each output message whose sender in the database is that of the motor command."""
     duties = {wire.message for wire in rig.inputs if wire.quantity.endswith("_duty")}
     ecus = {each for name in duties for each in rig.messages[name].senders} - NOBODY
     for name in dict.fromkeys(wire.message for wire in rig.outputs):
@@ -199,7 +199,7 @@ def _sent_by_the_ecu(rig: Rig) -> Iterator[str]:
 
 
 def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:
-    """Yield a note for a vehicle with two drives whose right one gets no command."""
+    """Yield a note for a vehicle with two drives if the rig has no command for the right one."""
     mapped = {wire.quantity: wire for wire in rig.inputs}
     if vehicle.drives == 2 and "left_duty" in mapped and "right_duty" not in mapped:
         left = mapped["left_duty"]
@@ -210,7 +210,7 @@ def _coasting_drive(rig: Rig, vehicle: Vehicle) -> Iterator[str]:
 
 
 def _weak_duties(rig: Rig) -> Iterator[str]:
-    """Yield a note for each duty whose signal cannot reach what moves a gate, as of a share taken for percent."""
+    """Yield a note for each duty whose signal's range cannot move a gate, e.g. a share taken for percent."""
     for wire in rig.inputs:
         most = max(map(abs, wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))))
         if wire.quantity.endswith("_duty") and most < 100.0 * _DUTY:
@@ -221,7 +221,7 @@ def _weak_duties(rig: Rig) -> Iterator[str]:
 
 
 def _unprotected(rig: Rig) -> Iterator[str]:
-    """Yield a note for each signal that is a counter or a checksum by its name, and that the rig leaves out."""
+    """Yield a note for each signal named like a counter or a checksum for which the rig has no such entry."""
     received = {wire.message for wire in rig.inputs}
     carried = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
     for name in rig.mapped:
@@ -240,7 +240,7 @@ def _unprotected(rig: Rig) -> Iterator[str]:
 
 
 def _other_counters(rig: Rig) -> Iterator[str]:
-    """Yield a note for each counter that goes on beyond what the database says is its largest value."""
+    """Yield a note for each counter that counts beyond its largest value in the database."""
     for name, options in rig.options.items():
         if options.counter is None or options.e2e is not None or name not in rig.mapped:
             continue
@@ -257,7 +257,7 @@ def _other_counters(rig: Rig) -> Iterator[str]:
 
 
 def _without_timeout(rig: Rig) -> Iterator[str]:
-    """Yield a note for each message of the ECU whose values hold until the next frame, by its send type."""
+    """Yield a note for each ECU message without a timeout by its send type: its values never expire."""
     for name in dict.fromkeys(wire.message for wire in rig.inputs if wire.quantity not in PANEL):
         send_type = send_type_of(rig.messages[name], rig.options.get(name, MessageOptions()))
         if send_type is not SendType.CYCLIC:
@@ -269,7 +269,7 @@ def _without_timeout(rig: Rig) -> Iterator[str]:
 
 
 def _latched_by_angle(rig: Rig) -> Iterator[str]:
-    """Yield a note for a bus with the angle in steps and no latch switch: 0 is shown before the latch engages."""
+    """Yield a note for a bus with a coarse angle and no latch switch: 0 is shown before latching."""
     angle = next((wire for wire in rig.outputs if wire.quantity == "gate_angle"), None)
     if angle is None or any(wire.quantity == "latch_state" for wire in rig.outputs):
         return
@@ -281,7 +281,7 @@ def _latched_by_angle(rig: Rig) -> Iterator[str]:
 
 
 def _other_scales(rig: Rig) -> Iterator[str]:
-    """Yield a note for each scale or unit of the rig that is not what the database's unit says."""
+    """Yield a note for each scale or unit of the rig that contradicts the database's unit."""
     for section, wires, quantities in (("inputs", rig.inputs, BUS_INPUTS), ("outputs", rig.outputs, BUS_OUTPUTS)):
         for wire in wires:
             quantity = quantities[wire.quantity]
@@ -307,7 +307,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
 
 
 def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, ExpectedRange, tuple[float, float]]]:
-    """Yield outputs with their expected values and the range that their signal holds."""
+    """Yield each output with its expected values and the range that its signal can hold."""
     expected = expected_values(vehicle)
     for wire in rig.outputs:
         name = wire.quantity
@@ -318,7 +318,7 @@ def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, Expecte
 
 
 def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, int]]:
-    """Yield the messages of these signals and their cycles [ns], 0 if there is none."""
+    """Yield the messages of these signals with their cycles [ns]; 0 if a message has none."""
     for name in dict.fromkeys(wire.message for wire in mappings):
         cycle = cycle_of(rig.messages[name], rig.options.get(name, MessageOptions()))
         if 0.0 <= cycle <= LONGEST_MS:  # else it is an issue of the rig

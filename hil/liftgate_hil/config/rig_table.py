@@ -1,4 +1,4 @@
-"""What a rig maps, as a table: messages with their protection, quantities with their conversion and range."""
+"""Table of a rig's mapping: messages with their protection, quantities with their conversion and range."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST = 1.7976931348623157e308
 
 # fmt: off
 class MappedSignal(NamedTuple):
-    """A quantity on the bus. Range and step are the signal's, in the quantity's unit."""
+    """A quantity on the bus with its signal; range and step of the signal are in the quantity's unit."""
 
     quantity: Annotated[str, Shown("quantity of the [rig file](rig.md)")]
     signal: Annotated[str, Shown("signal in the database")]
@@ -43,7 +43,7 @@ _FORMATS = {0: "classic", FD: "CAN FD", FD | BRS: "CAN FD with BRS"}
 
 
 class MappedMessage(NamedTuple):
-    """A message that carries quantities."""
+    """A message that carries mapped quantities."""
 
     message: Annotated[str, Shown("name in the database")]
     identifier: Annotated[int, Shown("CAN identifier, as a number")]
@@ -63,12 +63,12 @@ class MappedMessage(NamedTuple):
 
 # fmt: on
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
-    """Return the messages that a rig maps, those that the gate receives first."""
+    """Return the messages that a rig maps, first those that the gate receives."""
     return [*_messages(rig, "received", rig.inputs, BUS_INPUTS), *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS)]
 
 
 def protected_besides(rig: Rig) -> dict[str, str]:
-    """Return the protection of messages that carry no quantity (those of the restbus), by name."""
+    """Return the protection of messages without mapped quantities (restbus), by message name."""
     return {
         name: _protection(options)
         for name, options in rig.options.items()
@@ -77,7 +77,7 @@ def protected_besides(rig: Rig) -> dict[str, str]:
 
 
 def asked_by(rig: Rig) -> dict[str, str]:
-    """Return by request, as text, how it reaches an ECU on a bus; `reset`: how the ECU is reset."""
+    """Return as text how each request reaches an ECU on a bus, by request; `reset`: how the ECU is reset."""
     found = {action: _press(press) for action, press in rig.driver.buttons.items()}
     reset = rig.driver.reset
     if reset is not None:
@@ -90,7 +90,7 @@ def asked_by(rig: Rig) -> dict[str, str]:
 
 
 def injected_by(rig: Rig) -> dict[str, str]:
-    """Return by order (a key of inject.ORDERS) a text with the test bench's message and signals for it."""
+    """Return as text the test bench's message and signals for each order, by order (a key of inject.ORDERS)."""
     return {
         each.what: f"{each.message} 0x{each.identifier & ~EXTENDED:X}: "
         + ", ".join(f"{key} {signal}" for key, signal in each.signals.items())
@@ -131,7 +131,7 @@ def _messages(
 def _unmapped(
     message: Message, options: MessageOptions, own: Sequence[SignalMapping], is_sent: bool
 ) -> dict[str, str]:
-    """Return the signals of a message that carry no quantity, and that neither protection nor multiplexer sets."""
+    """Return a message's signals that neither a quantity nor the protection nor the multiplexer sets."""
     used = {wire.signal for wire in own} | signals_made(message, options)
     others = [each for each in message.signals if each.name not in used]
     if is_sent:  # only the pages with a quantity
@@ -160,7 +160,7 @@ def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:
 
 
 def _conversion(wire: SignalMapping, quantity: Signal) -> str:
-    """Return in words how the signal's value is converted to the quantity, and what defines that."""
+    """Return in words how a signal's value is converted to the quantity, and which key or unit defines it."""
     if wire.basis == "unknown":
         return "?"
     if wire.values is not None:
@@ -177,7 +177,7 @@ def _conversion(wire: SignalMapping, quantity: Signal) -> str:
 
 
 def _protection(options: MessageOptions) -> str:
-    """Return counter and checksum in words."""
+    """Return the counter and checksum of a message in words."""
     parts = []
     if options.e2e is not None:
         parts.append(options.e2e.profile)

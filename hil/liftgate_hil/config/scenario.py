@@ -1,4 +1,4 @@
-"""A scenario file: what happens around the gate over time, what the ECU is requested to do, what is expected."""
+"""A scenario file: events around the gate over time, requests to the ECU, and expectations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FREE = ("parameters", "description", "requirement", "include")  # keys in which
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario, checked as far as it can be without a vehicle and a rig."""
+    """A scenario, validated as far as possible without a vehicle and a rig."""
 
     stimuli: TimedStimuli
     requests: tuple[Request, ...] = ()
@@ -56,7 +56,7 @@ class Scenario:
     tables: tuple[str, ...] = ()  # files with points of its profiles
 
     def awaited(self) -> list[Expectation]:
-        """Return the conditions that its stimuli wait for, as expectations."""
+        """Return the conditions that the scenario's stimuli wait for, as expectations."""
         spans = [(each.start, each.end) for each in self.stimuli.obstacles]
         spans += [(each.start, each.end) for each in self.faults]
         whens = [each.when for each in self.requests] + [each.when for each in self.signals]
@@ -67,7 +67,7 @@ class Scenario:
 
 
 def _comes(instant: Instant, after: Instant) -> Expectation | None:
-    """Return the expectation that an instant's condition comes true after another; None if it has no condition."""
+    """Return the expectation that an instant's condition becomes true after another; None without a condition."""
     if not instant.condition:
         return None
     opener = after.condition or after.time
@@ -76,13 +76,13 @@ def _comes(instant: Instant, after: Instant) -> Expectation | None:
 
 
 def no_scenario() -> Scenario:
-    """Return a scenario in which nothing happens."""
+    """Return an empty scenario, without any stimuli."""
     return Scenario(NO_STIMULI)
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A file that becomes part of a scenario, as it was read."""
+    """One of the files of a scenario (the file itself or an included one), as it was read."""
 
     path: Path
     raw: Table
@@ -92,7 +92,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario file and those that it includes, as they were read.
+    """A scenario file and its included files, as they were read.
 
     Scenarios with other parameters are made from it without reading the files again. It can be pickled.
     """
@@ -103,23 +103,23 @@ class ScenarioFile:
 
     @functools.cached_property
     def kept(self) -> list[_Kept]:
-        """What stays the same of each file whatever its parameters are."""
+        """Parsed data of each file that does not depend on the scenario's parameters."""
         return [_kept_of(part.raw) for part in self.parts]
 
     @property
     def parameter_names(self) -> list[str]:
-        """The names of all parameters, of included files, too."""
+        """Names of all parameters, including those of included files."""
         tables = [part.raw.get("parameters") for part in self.parts]
         return list(dict.fromkeys(name for each in tables if isinstance(each, dict) for name in each))
 
     @functools.cached_property
     def used_parameters(self) -> frozenset[str]:
-        """The names of the parameters that stand somewhere in the files, as `$name`."""
+        """Names of the parameters that the files use somewhere, as `$name`."""
         values = (value for part in self.parts for key, value in part.raw.items() if key not in _FREE)
         return frozenset(name for value in values for name in _parameters_in(value))
 
     def stated(self, key: str, default: Any) -> Any:
-        """Return the value of a key as the files state it, the file itself before those that it includes."""
+        """Return the value of a key as a file states it; the scenario's own file precedes included ones."""
         return next((part.raw[key] for part in reversed(self.parts) if key in part.raw), default)
 
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
@@ -128,7 +128,7 @@ class ScenarioFile:
 
 
 def read_scenario(path: Path) -> ScenarioFile:
-    """Read a scenario file and those that it includes. Raises ConfigError if the file itself cannot be read."""
+    """Read a scenario file and its included files. Raises ConfigError if the file itself cannot be read."""
     return ScenarioFile(path, tuple(_parts(path, [], set())))
 
 
@@ -198,7 +198,7 @@ def _scenario_of(file: ScenarioFile, replaced: Mapping[str, float]) -> Scenario:
 
 
 class _Kept(NamedTuple):
-    """What stays the same of a file whatever its parameters are."""
+    """Parsed data of one file that does not depend on the scenario's parameters."""
 
     constant: frozenset[str]  # keys in which no parameter is to be filled in
     tables: dict[str, Any]  # what tables without a parameter were read as, by key; None: not read yet
@@ -212,7 +212,7 @@ def _kept_of(raw: Table) -> _Kept:
 
 
 def _has_parameter(value: Any) -> bool:
-    """Whether a parameter is to be filled in somewhere in a value."""
+    """Whether a value contains a `$name` of a parameter somewhere."""
     if isinstance(value, dict):
         return any(map(_has_parameter, value.values()))
     if isinstance(value, list):
@@ -221,7 +221,7 @@ def _has_parameter(value: Any) -> bool:
 
 
 def _parameters_in(value: Any) -> Iterator[str]:
-    """Yield the names of the parameters that stand in a value, in conditions too."""
+    """Yield the names of the parameters used in a value, also in conditions."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list):
@@ -232,7 +232,7 @@ def _parameters_in(value: Any) -> Iterator[str]:
 
 
 class _PartRead(NamedTuple):
-    """A file of a scenario while the scenario is made from it."""
+    """One of the files of a scenario, during the creation of the scenario from it."""
 
     path: Path
     raw: Table
@@ -240,7 +240,7 @@ class _PartRead(NamedTuple):
 
 
 def _issues_of(part: _Part) -> ConfigIssues:
-    """Return a collector with the issues that were found when the file was read."""
+    """Return a collector of issues that holds those found when the file was read."""
     issues = ConfigIssues(str(part.path))
     for key, text in part.issues:
         issues.add(key, text)
@@ -249,7 +249,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return the files of a scenario after those that they include, none that is `known`. Raises ConfigError."""
+    """Return a scenario's files, each after those that it includes, without `known` ones. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -287,7 +287,7 @@ def _included(raw: Table) -> tuple[str, ...]:
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the parameters of all files, a file's own before included ones, and how issues name each."""
+    """Return the parameters of all files, a file's own before included ones, and their names in issues."""
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
     top_keys = {key.name for key in fields_of(ScenarioTable)}
@@ -314,7 +314,7 @@ def _parameters(
 def _filled_in(
     part: _PartRead, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
-    """Return a value with each `$name` in it replaced by the parameter; issues name where that comes from."""
+    """Return a value with each `$name` in it replaced by the parameter; issues name the parameter's origin."""
     issues = part.issues
     if isinstance(value, dict):
         return {name: _filled_in(part, f"{key}.{name}", each, parameters, origins) for name, each in value.items()}
@@ -335,7 +335,7 @@ def _filled_in(
 
 
 def _beside(path: Path, name: str | None) -> str | None:
-    """Return the path of a file beside the scenario if there is one, else the name, e.g. a shipped one."""
+    """Return the path of a file beside the scenario if there is one, else the name unchanged (a shipped one)."""
     if not name:
         return name
     beside = path.parent / name
@@ -344,7 +344,7 @@ def _beside(path: Path, name: str | None) -> str | None:
 
 
 def stimuli_after(scenario: Scenario, end: float) -> list[str]:
-    """Return a note for each stimulus that begins, or profile that changes, at or after the end of a run [s]."""
+    """Return a note for each stimulus or profile change at or after the end of a run [s]."""
     return [
         f"{what} at {instant.time:g} s is never made: the run ends at {end:g} s"
         for what, instant in begins(scenario)
@@ -353,7 +353,7 @@ def stimuli_after(scenario: Scenario, end: float) -> list[str]:
 
 
 def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
-    """Yield what each stimulus is, and when it begins."""
+    """Yield the name and the start of each stimulus."""
     for request in scenario.requests:
         yield f"request {request.action}", request.when
     for timed in scenario.stimuli.obstacles:

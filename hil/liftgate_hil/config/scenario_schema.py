@@ -1,4 +1,4 @@
-"""Records of the tables of a scenario file: their fields are its keys, with what is allowed and what it means."""
+"""Records of the tables of a scenario file, whose fields define its keys, allowed values and meaning."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _TIME = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*({'|'.join(_UNITS)})?\s*")  # a time 
 
 
 class When(OfKind[Instant]):
-    """A time or a condition."""
+    """Kind of value: a time or a condition, at which a stimulus starts or ends."""
 
     allowed, invalid = f"0 to {LATEST:g} s, or a condition", START
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
-        """Return the instant; an issue if it is neither a time nor a condition."""
+        """Return the instant; an issue if the value is neither a time nor a condition."""
         if isinstance(value, str) and (time := _TIME.fullmatch(value)):
             seconds = float(time[1]) * _UNITS[time[2] or "s"]
             issues.add(key, f"{show(value)}; allowed: a number of seconds without quotes, such as {seconds:g}")
@@ -43,12 +43,12 @@ class When(OfKind[Instant]):
 
 
 class TroubleCode(OfKind[str]):
-    """A diagnostic trouble code of an ECU."""
+    """Kind of value: a diagnostic trouble code of an ECU."""
 
     allowed, invalid = ALLOWED, ""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """Return the trouble code as a text; "" and an issue if it is none."""
+        """Return the trouble code as a text; "" and an issue if the value is no trouble code."""
         try:
             number_of(value if isinstance(value, str) else show(value))
         except ValueError as error:
@@ -58,12 +58,12 @@ class TroubleCode(OfKind[str]):
 
 
 class _Initial(OfKind[float]):
-    """The initial condition of the gate: closed, open or an angle."""
+    """Kind of value: the initial condition of the gate: closed, open or an angle."""
 
     allowed, invalid = "0 to 180 deg, or closed, or open", math.nan
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
-        """Return closed, open or the angle [deg]; NaN and an issue if it is none of these."""
+        """Return closed, open or the angle [deg]; NaN and an issue if the value is none of these."""
         if value in ("closed", "open"):
             return str(value)
         return number(issues, key, value, 0.0, 180.0, "deg, or closed, or open")
@@ -74,7 +74,7 @@ _DELAY = Field(_SECONDS, "delay after the time, or after the condition has come 
 
 
 def _of(signal: Signal) -> Field:
-    """Return the key of a number of an obstacle, as the catalogue describes it."""
+    """Return the field of a numeric key of an obstacle, as the catalogue of signals describes it."""
     return Field(Number(signal.low, signal.high, signal.unit), signal.meaning)
 
 
@@ -83,7 +83,7 @@ def _of(signal: Signal) -> Field:
 
 
 class ScenarioTable(Record):
-    """The keys of a scenario file itself."""
+    """The top-level keys of a scenario file."""
 
     description: Annotated[Any, Field(Raw("any text"), "free text for readers")] = ""
     requirement: Annotated[tuple[str, ...], Field(Texts("a text, or a list of texts"), "identifiers of the "
@@ -171,7 +171,7 @@ class SignalTable(Record):
 
 
 class FaultTable(Record):
-    """The keys of a `[[fault]]` that all kinds have; those of a kind stand in `fault_kinds`."""
+    """The keys of a `[[fault]]` that all kinds share; keys of single kinds are in `fault_kinds`."""
 
     kind: Annotated[str, Field(Choice(list(FAULT_KINDS)), "one of the kinds below; most have further keys of "
         "their own")]

@@ -42,7 +42,7 @@ _IDENTIFYING = ("key", "direction", "id")  # keys of kinds that tell their fault
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault as a file or a program describes it; the keys of its kind are in `values`.
+    """A fault as a file or a call describes it; the keys of its kind are in `values`.
 
     An injection is made of it for the vehicle of a run.
     """
@@ -60,19 +60,19 @@ class Fault:
     value_key: str = field(default="", compare=False)
 
     def called(self, name: str) -> str:
-        """Return the name in messages of a key of the fault."""
+        """Return the name by which messages refer to a key of the fault."""
         return f"{self.key}{'.' if self.key.endswith(']') else ': '}{name}"
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """The identity of the fault: if one with the same identity is ordered again, it gets other values."""
+        """The identity of the fault: ordering a fault of the same identity again changes its values."""
         own = (self.values.get(name) for name in _IDENTIFYING)
         return (self.kind, self.where, *own)
 
 
 @dataclass
 class FoundTables:
-    """Tables of a scenario's files, as far as they have been read."""
+    """The contents of a scenario's tables that have been read so far."""
 
     profiles: list[tuple[str, Profile]]
     obstacles: list[TimedObstacle]
@@ -84,7 +84,7 @@ class FoundTables:
 
 @dataclass
 class TableReader:
-    """Reads the tables of one file."""
+    """Reader of the tables of one scenario file."""
 
     path: Path
     issues: ConfigIssues
@@ -93,7 +93,7 @@ class TableReader:
     kept: dict[str, Any]  # of tables that no parameter changes, by key: what they were read as, None at first
 
     def read(self, given: ScenarioTable, found: FoundTables) -> None:
-        """Add the tables of the file to those that have been found; issues are collected."""
+        """Add the contents of the file's tables to those found so far; issues are collected."""
         found.profiles += self._tables("profile", given.profile, self._profile)
         found.obstacles += self._tables("obstacle", given.obstacle, self._obstacle)
         found.requests += self._tables("request", given.request, self._request)
@@ -124,14 +124,14 @@ class TableReader:
         return found
 
     def _instant(self, instant: Instant, delay: float, key: str) -> Instant:
-        """Return an instant with its delay; its condition is checked."""
+        """Return an instant of a table with the delay added; its condition is validated."""
         if not instant.condition:
             return Instant(instant.time + delay)
         self._condition(key, instant.condition, "; or a time, 0 to 1e+06 s")
         return moved(instant, delay)
 
     def _condition(self, key: str, text: str, also: str = "") -> None:
-        """Check a condition as far as possible without a rig; `also` names what else is allowed."""
+        """Validate a condition as far as possible without a rig; `also` names further allowed columns."""
         try:
             parsed(text, self.parameters)
         except ValueError as error:
@@ -181,7 +181,7 @@ class TableReader:
         return found
 
     def _span(self, key: str, given: ObstacleTable | FaultTable) -> tuple[Instant, Instant]:
-        """Return start and end with the delay added; an issue if the end is not later."""
+        """Return start and end of a table with the delay added; an issue if the end is not later."""
         start = self._instant(given.start, given.delay_s, f"{key}.start")
         end = self._instant(given.end, given.delay_s, f"{key}.end")
         if not start.condition and not end.condition and end.time <= start.time:
@@ -212,7 +212,7 @@ class TableReader:
         return SignalValue(when, set_to.signal, set_to.value, str(self.path), key, value_key)
 
     def fault(self, key: str, given: Table) -> Fault:
-        """Return the fault of a table; its issues are collected under the table's key."""
+        """Return the fault that a table describes; its issues are collected under the table's key."""
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # the keys of an unknown kind are not known
@@ -243,7 +243,7 @@ class TableReader:
         )
 
     def _where(self, key: str, kind: FaultKind, where: Any) -> None:
-        """Check the place of a fault as far as possible without a vehicle and a rig."""
+        """Validate the key `where` of a fault as far as possible without a vehicle and a rig."""
         if not kind.has_place:
             self.issues.add(key, f"{kind.name} affects {kind.of} as a whole; allowed: no such key")
         elif kind.of == DRIVE and where not in WHERE:
@@ -280,7 +280,7 @@ class TableReader:
 
 
 def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
-    """Return a fault that a program names; it has no start or end of its own. Raises ConfigError."""
+    """Return a validated fault given by a call or a command, without a start or an end. Raises ConfigError."""
     issues = ConfigIssues("`fault`")
     if not isinstance(kind, str):
         raise ConfigError(f"`fault`: kind: {show(kind)}; allowed: one of {', '.join(FAULT_KINDS)}")
@@ -296,7 +296,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
 
 
 def check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
-    """Add an issue for each name that comes more than once."""
+    """Add an issue for each name that occurs more than once."""
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add(key, f"{name} appears {names.count(name)} times; allowed: once")
 
@@ -305,25 +305,25 @@ _MOST_BYTES = 100_000_000
 
 
 class PointsReader:
-    """Reader of points in CSV files, which reads each column once and keeps its points."""
+    """Reader of a profile's points in CSV files, which reads each column once and caches its points."""
 
     def __init__(self) -> None:
         self._kept: dict[tuple[Path, str], list[list[float]]] = {}
 
     @property
     def files(self) -> list[Path]:
-        """The files that were read."""
+        """The CSV files that were read."""
         return list(dict.fromkeys(path for path, _ in self._kept))
 
     def read(self, path: Path, quantity: str) -> list[list[float]]:
-        """Return the points [time, value]. Raises ConfigError."""
+        """Return the points [time, value] of a CSV column, cached. Raises ConfigError."""
         if (path, quantity) not in self._kept:
             self._kept[path, quantity] = _read_points(path, quantity)
         return self._kept[path, quantity]
 
 
 def _read_points(path: Path, quantity: str) -> list[list[float]]:
-    """Return the points [time, value]. Raises ConfigError."""
+    """Read the points [time, value] of a CSV column. Raises ConfigError."""
     try:
         lines = read_bytes(path, _MOST_BYTES).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:

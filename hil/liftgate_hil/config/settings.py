@@ -1,4 +1,4 @@
-"""Settings KEY=VALUE that override a vehicle file: of the argument `settings`, or of a scenario's [set]."""
+"""Settings KEY=VALUE that override values of a vehicle file: from the argument `settings`, or [set]."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Setting(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The dotted key."""
+        """The dotted key that the setting overrides."""
         return ".".join(self.names)
 
 
@@ -63,7 +63,7 @@ def _plain_number(text: str) -> float | str:
 
 
 def settings_in(table: Table, source: str) -> Iterator[Setting]:
-    """Yield the settings of a table of a file; dotted keys, quoted or not, and nested tables mean the same."""
+    """Yield the settings in a table; dotted keys, quoted or not, and nested tables mean the same."""
     for key, value in table.items():
         if isinstance(value, dict) and value:
             for inner in settings_in(value, source):
@@ -73,7 +73,7 @@ def settings_in(table: Table, source: str) -> Iterator[Setting]:
 
 
 def applied(raw: Table, settings: Sequence[Setting]) -> dict[str, str]:
-    """Apply settings to a file's content; return the dotted keys set by them, and how messages name each.
+    """Apply settings to a file's content in place; return the dotted keys set, and how messages name each.
 
     Raises ConfigError.
     """
@@ -85,7 +85,7 @@ def applied(raw: Table, settings: Sequence[Setting]) -> dict[str, str]:
 
 
 def apply_setting(raw: Table, setting: Setting) -> str:
-    """Apply a setting to a file's content; return the dotted key that it set. Raises ConfigError.
+    """Apply a setting to a file's content in place; return the dotted key set. Raises ConfigError.
 
     If tables had to be created for it, the key of the outermost of them is returned.
     """

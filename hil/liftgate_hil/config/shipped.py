@@ -1,4 +1,4 @@
-"""Find and list the shipped files: inside the wheel, or in the checkout."""
+"""Find and list the files shipped with this package: inside the wheel, or in the checkout."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_root() -> Path:
-    """Return the folder with `dbc` and `configs`.
+    """Return the folder that contains the shipped folders `dbc` and `configs`.
 
     It is `liftgate_hil/_data` of an installed wheel, else the top of the checkout. The wheel's layout is
     `[tool.hatch.build.targets.wheel.sources]` in pyproject.toml.
@@ -38,26 +38,26 @@ def ecu_sources() -> list[Path]:
 
 
 def c_headers() -> list[Path]:
-    """Return the C headers for an ECU, each beside the module that it is the counterpart of."""
+    """Return the C headers for an ECU, each stored beside the Python module that it mirrors."""
     return sorted(path for path in _PACKAGE.glob("*/*.h") if path.parent.name != "_data")
 
 
 def shipped_names(folder: str) -> list[str]:
-    """Return the names of the shipped files in a folder, without suffix."""
+    """Return the names of the shipped files in a folder, without suffixes."""
     return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
 
 
 def shipped_folder(kind: str, name: str) -> Path | None:
-    """Return the shipped folder of a name below `kind`, such as the `pack` of scenarios; None if there is none."""
+    """Return the shipped folder with a name below `kind`, such as the `pack` of scenarios; None: no such one."""
     folder = data_root() / "configs" / kind / name
     is_name = name and len(Path(name).parts) == 1 and not name.startswith(".")
     return folder if is_name and folder.is_dir() else None
 
 
 def shipped_files(kind: str) -> dict[str, Path]:
-    """Return the shipped files of a kind by the names that a value may have, such as `pack/crank_dip`, in order.
+    """Return the shipped files of a kind by the names that users give, such as `pack/crank_dip`, in order.
 
-    Those in a folder beside a file of its name, of a campaign's own scenarios, are not among them.
+    A campaign's own scenarios, in a folder beside a file with the folder's name, are not among them.
     """
     top = data_root() / "configs" / kind
     sets = [each for each in sorted(top.iterdir()) if each.is_dir() and not each.with_suffix(".toml").exists()]
@@ -69,13 +69,13 @@ def shipped_files(kind: str) -> dict[str, Path]:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return shipped names, the folders of sets as FOLDER/NAME, as a text."""
+    """Return shipped names, those in folders as FOLDER/NAME, as one text."""
     shown = list(dict.fromkeys(f"{name.partition('/')[0]}/NAME" if "/" in name else name for name in names))
     return ", ".join([*shown[:_SHOWN], "…"] if len(shown) > _SHOWN else shown)
 
 
 def _proposal(path: Path, names: Iterable[str]) -> str:
-    """Return what may be meant by a path that does not exist, a shipped name or a file, as begin of a sentence."""
+    """Return "did you mean …" with similar shipped names or files, for a path that does not exist."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
     near: list[str] = []
@@ -90,7 +90,7 @@ def _proposal(path: Path, names: Iterable[str]) -> str:
 
 
 def find_config(kind: str, name: str, called: str = "") -> Path:
-    """Return the file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
+    """Return the path of a `vehicle`, `rig` or `scenario` that is named by a shipped name or a path.
 
     `kind` is the folder under `configs`; `called` names the value in messages if it is none of these
     arguments. Raises ConfigError if there is no such file.
@@ -123,7 +123,7 @@ _SENTENCE_END = re.compile(r"[.:;](?=\s|$)")
 
 
 class Shipped(NamedTuple):
-    """Something shipped: its kind in the plural, its name as a flag takes it, and its description.
+    """A shipped file: its kind in the plural, its name as a flag takes it, and its description.
 
     A name is that of a file, or SET/NAME of one in a set of scenarios.
     """
@@ -134,7 +134,7 @@ class Shipped(NamedTuple):
 
 
 def shipped_list() -> list[Shipped]:
-    """Return all shipped files, by kind and name."""
+    """Return all shipped files, sorted by kind and name."""
     return [
         Shipped(kind, f"{PACK if kind == CAMPAIGNS else ''}{name}", _description(path))
         for kind in KINDS
@@ -143,7 +143,7 @@ def shipped_list() -> list[Shipped]:
 
 
 def _description(path: Path) -> str:
-    """Return the description in a shipped file, or the first sentence of the comment with which it begins."""
+    """Return the description in a shipped file, or the first sentence of the comment at its top."""
     description = read_toml(path).get("description")
     if description:
         return " ".join(str(description).split())

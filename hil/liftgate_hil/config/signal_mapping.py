@@ -32,7 +32,7 @@ _FACTOR = Number(-1e9, 1e9)
 
 
 class MappingTable(Record):
-    """The keys of a quantity in `[inputs]` and `[outputs]`."""
+    """The keys of a quantity's entry in `[inputs]` and `[outputs]`."""
 
     signal: Annotated[str, Field(Text("MESSAGE.SIGNAL"), "message and signal of the database")]
     unit: Annotated[str | None, Field(Text("a unit of the quantity's kind, such as mA for a current"),
@@ -50,7 +50,7 @@ class MappingTable(Record):
 def signal_mappings(
     issues: ConfigIssues, given: Table, section: str, quantities: Mapping[str, Signal], messages: Messages
 ) -> list[SignalMapping]:
-    """Return the mappings of a section with this content; issues are noted."""
+    """Return the signal mappings in a section's content; issues are noted."""
     old = {name: renamed_output(name) for name in given if section == "outputs"}
     for name, now in old.items():
         if now:
@@ -110,7 +110,7 @@ def _mapping(
 
 
 def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conversion | None:
-    """Return `scale` and `offset`; None if neither is given."""
+    """Return the file's `scale` and `offset` of a mapping; None if neither is given."""
     if given.scale is None and given.offset is None:
         return None
     scale = 1.0 if given.scale is None else given.scale
@@ -121,7 +121,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conve
 
 
 def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> Table | None:
-    """Return `values`; None if they are not given."""
+    """Return the file's `values` of a mapping; None if they are not given."""
     if given.values is None:
         if given.unit is not None and ours.values:
             issues.add(f"{key}.unit", "allowed: values, this is an enumeration")
@@ -138,7 +138,7 @@ def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Sig
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
-    """Return the conversion from a database's unit to that of our quantity; SAME and an issue if there is none."""
+    """Return the conversion from the database's unit to the quantity's; SAME and an issue if there is none."""
     if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)
@@ -166,7 +166,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
 ) -> dict[str, str] | None:
-    """Return the database's labels by our values; None if their numbers are ours, or, with an issue, some lack."""
+    """Return the database's labels by our value names; None if numbers agree, or, with an issue, labels lack."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
@@ -193,7 +193,7 @@ def check_values(
     theirs: DatabaseSignal,
     ours: Signal,
 ) -> None:
-    """Check that every value is one of `ours`, that the signal `name` can hold it, and that no two are equal."""
+    """Check that every value is one of `ours`, fits the signal `name`, and that no two are equal."""
     taken: dict[float, str] = {}
     for label, value in values.items():
         if label not in ours.values:
@@ -216,20 +216,20 @@ def check_values(
 
 
 def check_complete(issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal) -> None:
-    """Check that an output has all values; an input may come from a sender that has fewer."""
+    """Check that an output's mapping has all values of its enumeration; an input's may have fewer."""
     missing = [label for label in ours.values if label not in values]
     if missing:
         issues.add(key, f"{', '.join(missing)} missing; allowed: a value for every label of an output")
 
 
 def missing_values(mapping: SignalMapping) -> list[str]:
-    """Return the labels of an input for which its signal has no value."""
+    """Return the labels of an input's enumeration for which its signal has no value."""
     ours = BUS_INPUTS[mapping.quantity]
     return [] if mapping.values is None else [label for label in ours.values if label not in mapping.values]
 
 
 def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
-    """Return the physical value of a number, or of a label of `theirs`; NaN for others."""
+    """Return the physical value of a number, or of a label of the signal `theirs`; NaN for other labels."""
     if not isinstance(value, str):
         return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
     for raw, text in (theirs.choices or {}).items():
@@ -241,7 +241,7 @@ def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, th
 
 
 def _holds(theirs: DatabaseSignal, physical: float) -> bool:
-    """Whether a frame can carry exactly this physical value."""
+    """Whether a signal can carry exactly this physical value."""
     low, high = physical_range(theirs)
     factor = float(theirs.scale)
     if factor == 0.0 or theirs.is_float:

@@ -1,4 +1,4 @@
-"""MESSAGE.SIGNAL: how files and programs name a signal of the rig's database; and notes on J1939's messages."""
+"""Signal names MESSAGE.SIGNAL by which files and programs refer to the database; notes on J1939 messages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def find_signal(
     offered: Collection[str] | None = None,
     left_out: Collection[str] = (),
 ) -> DatabaseSignal | None:
-    """Return the signal of a name; None and an issue under `key` if there is none.
+    """Return the database's signal with the name MESSAGE.SIGNAL; None and an issue under `key` if unknown.
 
     The issue lists the messages that are `offered` (None: all), or the signals of the message without `left_out`.
     """
@@ -45,13 +45,13 @@ def find_signal(
 
 
 def listed_signals(message: Message, left_out: Collection[str] = ()) -> str:
-    """Return the signals of a message without `left_out`, as a text."""
+    """Return the names of a message's signals, without `left_out`, as a text."""
     names = [each.name for each in message.signals if each.name not in left_out]
     return f"{message.name}.{{{listed(names)}}}"
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names as a text; of many only the first ones."""
+    """Return names as a text; of many, only the first ones."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"
 
@@ -61,7 +61,7 @@ _PDU1 = 0xF0  # SAE J1939-21: below it the PDU specific byte is the destination'
 
 
 def notes_on_j1939(messages: Iterable[Message], source: str) -> list[str]:
-    """Return a note on the J1939 messages among these, in a list: which addresses their identifiers have."""
+    """Return a list with at most one note, on the addresses in the identifiers of these J1939 messages."""
     found = [each for each in messages if each.protocol == "j1939"]
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""The files that a result was made from, each with the hash of its content."""
+"""The source files that a result was made from, each with the hash of its content."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from liftgate_hil.described_result import Shown
 
 
 class Source(NamedTuple):
-    """A file as it was read, with the hash of its content."""
+    """A source file as it was read, with the hash of its content."""
 
     path: Annotated[str, Shown("path of the file")]
     sha256: Annotated[str, Shown("SHA-256 of its content, in hexadecimal digits")]
 
 
 def sources_of(paths: Mapping[str, Path]) -> dict[str, Source]:
-    """Return the files by purpose (vehicle, rig, dbc); unreadable ones are left out: their reader reports them."""
+    """Return the source files by purpose (vehicle, rig, dbc), without unreadable ones, which others report."""
     found = {}
     for name, path in paths.items():
         try:

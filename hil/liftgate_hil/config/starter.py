@@ -1,4 +1,4 @@
-"""Create a folder to start from: the shipped files that a user changes first, and the C ECU, ready to run."""
+"""Create a folder for a new project: copies of the shipped files that users change first, and the C ECU."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ README_BESIDE = "LIFTGATE.md"  # if the folder has a README
 
 
 def starter_readme() -> Path:
-    """Return the page that says what to do with the files."""
+    """Return the path of the shipped README that explains the files in the folder."""
     return data_root() / "configs/starter" / README
 
 
 def create_starter(folder: Path) -> list[Path]:
-    """Fill `folder`, which is created if needed, and return the files written, relative to it.
+    """Fill `folder`, created if needed, with the starter files; return them, relative to the folder.
 
     It may be a new or an empty folder, or a git repository, of which all files are kept: if it has a README, ours
     gets another name. The ECU's sources and the headers they need go to its subfolder `ecu`. Raises ConfigError if
@@ -59,7 +59,7 @@ def create_starter(folder: Path) -> list[Path]:
 
 
 def _check(folder: Path) -> None:
-    """Raise ConfigError if the folder may not be filled."""
+    """Raise ConfigError if the folder may not be filled with the starter files."""
     if not folder.exists():
         return
     allowed = "allowed: a new or an empty folder, or a git repository"
@@ -70,7 +70,7 @@ def _check(folder: Path) -> None:
 
 
 def _sources(folder: Path) -> dict[Path, Path]:
-    """Return the files by name in the folder, each with the file that is copied."""
+    """Return the source file of each file to create, by its name in the folder."""
     sources = {Path(name): data_root() / source for name, source in _FILES.items()}
     there = folder.iterdir() if folder.exists() else ()
     has_readme = any(each.stem.casefold() == "readme" for each in there)
@@ -81,7 +81,7 @@ def _sources(folder: Path) -> dict[Path, Path]:
 
 
 def _in_the_way(folder: Path, name: Path) -> Path | None:
-    """Return what is in place of a file or of a folder above it, relative to `folder`; None if nothing is."""
+    """Return the path, relative to `folder`, that prevents the creation of a file; None if there is none."""
     for part in reversed((name, *name.parents[:-1])):
         place = folder / part
         if os.path.lexists(place) and (part == name or not place.is_dir()):

@@ -44,7 +44,7 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> Table:
-    """Return the content of a file. Raises ConfigError if it cannot be read or is not TOML."""
+    """Return the parsed content of a TOML file. Raises ConfigError if it cannot be read or is not TOML."""
     suffix = path.suffix.lower()
     for what, suffixes, hint in NO_TOML:
         if suffix in suffixes:
@@ -65,14 +65,14 @@ def read_toml(path: Path) -> Table:
 
 
 def copied_table(content: Any) -> Any:
-    """Return a copy of a file's content, with tables and lists of its own."""
+    """Return a deep copy of a file's parsed content: tables and lists are copied."""
     if isinstance(content, dict):
         return {name: copied_table(each) for name, each in content.items()}
     return list(map(copied_table, content)) if isinstance(content, list) else content
 
 
 def value_at(content: Any, path: Iterable[str]) -> Any:
-    """Return what tables in tables hold at a path of keys; None: nothing."""
+    """Return the value at a path of keys in nested tables; None if there is none."""
     for name in path:
         content = content.get(name) if isinstance(content, Mapping) else None
     return content
@@ -106,7 +106,7 @@ def is_whole(value: object, low: float = -math.inf, high: float = math.inf) -> T
 def number(
     issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = "", least: float = 0.0
 ) -> float:
-    """Return `value` as a float within [low, high], not between 0 and `least`; else NaN and an issue."""
+    """Return `value` as a float within [low, high], 0 or at least `least`; else NaN and an issue."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
     allowed = with_unit(f"{begin} to {high:g}", unit)
     if not is_number(value):
@@ -120,7 +120,7 @@ def number(
 
 
 def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] = ()) -> str:
-    """Return `value` as a string, one of `allowed` if that is given; "" and an issue if it is invalid."""
+    """Return `value` as a string, one of `allowed` if those are given; "" and an issue if it is invalid."""
     choices = list(allowed)
     if not isinstance(value, str) or not value or (choices and value not in choices):
         what = f"one of {', '.join(choices)}" if choices else "a text"
@@ -130,7 +130,7 @@ def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] =
 
 
 def table(issues: ConfigIssues, key: str, value: object) -> Table:
-    """Return `value` as a table; an empty one and an issue if it is none."""
+    """Return `value` as a table; an empty one and an issue if it is no table."""
     if not isinstance(value, dict):
         issues.add(key, f"{show(value)}; allowed: a table")
         return {}
@@ -140,7 +140,7 @@ def table(issues: ConfigIssues, key: str, value: object) -> Table:
 def known_keys(
     issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str], deeper: Iterable[str] = ()
 ) -> None:
-    """Note an issue for each unknown key; beyond _MOST_KEYS of them only their number.
+    """Note an issue for each unknown key; beyond _MOST_KEYS unknown keys, only their number.
 
     Of `deeper`, the dotted keys of the tables in this one, those that may be meant are proposed.
     """
@@ -160,7 +160,7 @@ def known_keys(
 
 
 def show(value: object) -> str:
-    """Return a value as a message shows it: short, on one line."""
+    """Return a value as text for a message: short, on one line."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to write out thousands of digits
@@ -184,7 +184,7 @@ _SHARED = {"description"}  # keys of several kinds
 
 
 def check_kind(path: Path, content: Table, kind: str, known: Collection[str]) -> None:
-    """Raise ConfigError where a file has none of the `known` keys of its kind, and keys of another kind."""
+    """Raise ConfigError where a file has no key of `known`, its kind, but keys of another kind of file."""
     if not content.keys().isdisjoint({*known} - _SHARED):
         return
     for other, marks in MARKS.items():

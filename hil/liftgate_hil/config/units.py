@@ -1,4 +1,4 @@
-"""Units as files and databases spell them, and their conversion to the unit of a quantity of the catalogue.
+"""Units in the spellings of files and databases, and their conversion to a quantity's unit in the catalogue.
 
 A unit is a factor to the first unit of its dimension, kept as numerator and denominator so that conversions are
 exact if possible, and for temperatures an offset. Spellings are compared without spaces, dots and multiplication
@@ -22,7 +22,7 @@ SAME: Conversion = (1.0, 0.0)
 
 
 class Unit(NamedTuple):
-    """A unit: first unit of its dimension = numerator / denominator · this one + offset."""
+    """A unit, defined by: first unit of its dimension = numerator / denominator · this unit + offset."""
 
     numerator: float
     denominator: float = 1.0
@@ -147,7 +147,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
 
 
 def _folded(text: str) -> str:
-    """Return a spelling without what does not distinguish units."""
+    """Return a unit's spelling normalized: without spaces, multiplication signs and irrelevant upper case."""
     # UTF-8 that was read as cp1252 has a letter before each of these signs.
     text = re.sub("Â(?=[°²³µ·])", "", text)
     text = unicodedata.normalize("NFKC", text).replace("μ", "µ").replace("º", "°").replace("−", "-")
@@ -160,7 +160,7 @@ def _folded(text: str) -> str:
 
 @functools.cache
 def _known() -> Mapping[str, Mapping[str, Unit]]:
-    """Return the units by dimension and folded spelling."""
+    """Return the known units by dimension and normalized spelling."""
     return {
         dimension: {_folded(name): unit for unit, names in units.items() for name in names}
         for dimension, units in _SPELLINGS.items()
@@ -179,7 +179,7 @@ def dimension_of(signal: Signal) -> str:
 
 
 def dimensions_named(unit: str) -> list[str]:
-    """Return the dimensions that a unit may have: `g` is a mass and an acceleration, `1` a share and a number."""
+    """Return the dimensions of a unit's spelling: `g` is a mass and an acceleration, `1` a share and a number."""
     return [dimension for dimension, units in _known().items() if _folded(unit) in units]
 
 
@@ -193,7 +193,7 @@ _PER = re.compile(r"_per_|_p_|_(?=s$|min$|sec$|m$|mm$)")  # rad_per_s, rad_s
 
 
 def marked_unit(name: str) -> tuple[str, str]:
-    """Return a column's name and what follows it in brackets or parentheses, as in `U [V]`; "": nothing does."""
+    """Return a column's name and the text in brackets or parentheses behind it, as in `U [V]`; "": none."""
     parts = _MARKED.fullmatch(name)
     if parts is None:
         return name, ""
@@ -202,14 +202,14 @@ def marked_unit(name: str) -> tuple[str, str]:
 
 @functools.lru_cache(10_000)
 def headed_unit(name: str) -> str:
-    """Return the known unit that a column's name ends with in brackets or parentheses; "" if there is none."""
+    """Return the known unit in brackets or parentheses at the end of a column's name; "" if there is none."""
     unit = marked_unit(name)[1]
     return unit if unit and dimensions_named(unit) else ""
 
 
 @functools.lru_cache(10_000)
 def unit_in(name: str, signal: Signal) -> str:
-    """Return the unit that a foreign column's name states for a quantity; "" if it states none.
+    """Return the unit that another program's column name states for a quantity; "" if it states none.
 
     In brackets of any kind a known unit counts, and any text behind the name but a number, which is an index.
     After a slash, a space, an underscore and the like (`F/kN`, `F_kN`, `w_rad_s`) a unit of the quantity counts,
@@ -242,7 +242,7 @@ def unit_in(name: str, signal: Signal) -> str:
 
 @functools.cache
 def conversion(signal: Signal, unit: str) -> Conversion | None:
-    """Return the conversion from a unit to a quantity's; None if it is none of its units or not known."""
+    """Return the conversion from a unit to the quantity's own; None if the unit is unknown or does not fit."""
     units = _known()[dimension_of(signal)]
     theirs = units.get(_folded(unit))
     if theirs is None:
@@ -254,12 +254,12 @@ def conversion(signal: Signal, unit: str) -> Conversion | None:
 
 
 def allowed_units(signal: Signal) -> str:
-    """Return the units that a quantity may be given in, as a text for a message."""
+    """Return a quantity's allowed units as a text for a message."""
     return ", ".join(units[0] for units in _SPELLINGS[dimension_of(signal)].values())
 
 
 def spellings(signal: Signal) -> Mapping[str, Conversion]:
-    """Return all spellings of a quantity's units, with the conversion of each to its own unit."""
+    """Return all spellings of a quantity's units, each with its conversion to the quantity's own unit."""
     found = {
         name: conversion(signal, name) for names in _SPELLINGS[dimension_of(signal)].values() for name in names
     }

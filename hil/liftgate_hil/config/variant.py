@@ -1,6 +1,6 @@
-"""Variants of a vehicle file: the car as in the file, one drawn from its `[spread]`, or one without imperfections.
+"""Variants of a vehicle: as in the file, drawn at random from its `[spread]`, or without imperfections.
 
-The latter two are values that override the file, as KEY=VALUE does; KEY=VALUE overrides them in turn. The table
+The latter two override values of the file, as KEY=VALUE does; KEY=VALUE overrides them in turn. The table
 `[spread]` says how the cars of a production differ from the file's values:
 
     [spread.motor]
@@ -47,7 +47,7 @@ _END = Raw("a number within the range of the key")
 
 
 class SpreadTable(Record):
-    """The keys of a value's entry in `[spread]`."""
+    """The keys of an entry in the table `[spread]`."""
 
     distribution: Annotated[str, Field(Choice(DISTRIBUTIONS), "distribution of the value")] = "normal"
     relative: Annotated[float | None, Field(Number(0.0, 1.0), "σ, or half the width of `uniform`, as a share "
@@ -63,7 +63,7 @@ class SpreadTable(Record):
 
 
 class Spread(NamedTuple):
-    """Distribution of the value of a key."""
+    """Random distribution of the value of a key of a vehicle file."""
 
     names: Names  # table and key, or side, table and key
     distribution: str
@@ -74,7 +74,7 @@ class Spread(NamedTuple):
 
 
 def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
-    """Return the table `[spread]` of a file's content; issues are noted."""
+    """Return the distributions in the table `[spread]` of a file's content; issues are noted."""
     result = []
     for names, entry in _entries(table(issues, "spread", raw.get("spread", {})), ()):
         dotted = ".".join(("spread", *names))
@@ -93,7 +93,7 @@ def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
 
 
 def key_of(names: Names) -> Key | None:
-    """Return the key of a vehicle file with these names; None if there is none or it is no number."""
+    """Return the numeric key of a vehicle file with this dotted name, split; None if there is none."""
     is_sided = len(names) == 3 and names[0] in SIDES
     tables = DRIVE_TABLES if is_sided else {**DRIVE_TABLES, **BODY_TABLES}
     if len(names) != 2 + is_sided or names[-2] not in tables:
@@ -154,7 +154,7 @@ def _followers(issues: ConfigIssues, dotted: str, names: Names, given: Any) -> t
 
 
 def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float]:
-    """Return the values of one car, in the file's units, by name; keys of a drive have one for each drive."""
+    """Return randomly drawn values of one car, in the file's units, by name; a drive's keys once per drive."""
     result: dict[Names, float] = {}
     for spread in spreads:
         for place in _places(spread.names):
@@ -173,14 +173,14 @@ def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float
 
 
 def _places(names: Names) -> list[Names]:
-    """Return the names under which a car has the key: once, or in each drive."""
+    """Return the full names of a key in a car: one, or one in each drive."""
     if len(names) == 2 and names[0] in DRIVE_TABLES:
         return [(side, *names) for side in SIDES]
     return [names]
 
 
 def _value(raw: Table, names: Names) -> float | None:
-    """Return the value of a key in the file's content, or its default, in the file's unit; None if it has none."""
+    """Return a key's value in the file's content, or its default, in the file's unit; None if it has neither."""
     key = key_of(names)
     assert key is not None
     for path in (names, names[-2:]):
@@ -206,7 +206,7 @@ def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
 
 
 def _within(place: Names, value: float) -> float:
-    """Return a value limited to the range that the key allows."""
+    """Return a value limited to the allowed range of its key."""
     key = key_of(place)
     assert key is not None
     within = min(max(math.floor(value) if key.quantity.is_whole else value, key.quantity.low), key.quantity.high)
@@ -240,13 +240,13 @@ IDEAL = {
 
 
 class Variant(NamedTuple):
-    """A variant of a vehicle file."""
+    """Choice of a vehicle file's variant: as it is, drawn at random, or ideal."""
 
     draw: int | None = None  # seed of a car drawn from the production; None: none is drawn
     is_ideal: bool = False  # the thesis's plant: no sensor errors, torsion, source resistance or wear
 
     def check(self) -> None:
-        """Raise ConfigError if both a draw and the ideal car are requested."""
+        """Raise ConfigError if both a random draw and the ideal car are requested."""
         if self.draw is not None and self.is_ideal:
             raise ConfigError(f"`draw` {self.draw}: allowed without `ideal`, which has no spread")
 
@@ -267,7 +267,7 @@ def settings_for(raw: Table, variant: Variant, settings: Sequence[Setting], sour
 
 
 def _ideal(raw: Table) -> list[Setting]:
-    """Return settings that replace values of the file by the defaults, which are ideal."""
+    """Return settings that replace the file's imperfections by the keys' defaults, which are ideal."""
     result = []
     for path in [*((name,) for name in IDEAL), *itertools.product(SIDES, IDEAL)]:
         given = value_at(raw, path)

@@ -45,7 +45,7 @@ _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements 
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """A vehicle file as it was read: vehicles with other settings are made from it without reading it again."""
+    """A vehicle file as it was read; vehicles with other settings are created from it without reading it again."""
 
     path: Path
     name: str  # as it was requested: a shipped name or a path
@@ -53,13 +53,13 @@ class VehicleFile:
 
     @functools.cached_property
     def _is_spread_sound(self) -> bool:
-        """Whether the table `[spread]` of the file has no issues, whatever its other values are."""
+        """Whether the file's table `[spread]` has no issues, whatever its other values are."""
         issues = ConfigIssues("")
         spreads_of(issues, self.raw)
         return issues.count == 0
 
     def vehicle(self, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
-        """Return a variant of the vehicle, with settings applied. Raises ConfigError with all issues."""
+        """Return a variant of the vehicle with settings applied. Raises ConfigError with all issues."""
         raw: Table = copied_table(self.raw)
         origins = applied(raw, settings_for(raw, variant, settings, str(self.path)))
         if self._is_spread_sound and raw.get("spread") == self.raw.get("spread"):
@@ -68,19 +68,19 @@ class VehicleFile:
 
 
 def read_vehicle(path: Path, name: str = "") -> VehicleFile:
-    """Read a vehicle file; `name` is what it was requested by, its path by default. Raises ConfigError."""
+    """Read a vehicle file; `name` is how the user named it, its path by default. Raises ConfigError."""
     content = read_toml(path)
     check_kind(path, content, "vehicle", _KNOWN)
     return VehicleFile(path, name or str(path), content)
 
 
 def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED) -> Vehicle:
-    """Return a variant of the vehicle of a file, with settings applied. Raises ConfigError with all issues."""
+    """Read a vehicle file; return a variant with settings applied. Raises ConfigError with all issues."""
     return read_vehicle(path).vehicle(settings, variant)
 
 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
-    """Return the vehicle of a file's content; `source` names it in messages, `origins` is as in ConfigIssues."""
+    """Return the vehicle of a parsed file; `source` names it in messages, `origins` is as in ConfigIssues."""
     issues = ConfigIssues(source, origins)
     known_keys(issues, "", raw, _KNOWN, dotted_keys())
     spreads_of(issues, raw)
@@ -114,7 +114,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
 
 
 def issues_with(vehicle: Vehicle, with_friction: bool = True) -> list[str]:
-    """Return the issues of a vehicle as a whole, a line each, which no single value of it shows.
+    """Return the issues of a vehicle that arise from several values together, a line each.
 
     The loader refuses such a vehicle, and `with_friction` also one whose friction cannot be tabulated.
     """
@@ -152,7 +152,7 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
 def _fields(
     issues: ConfigIssues, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
 ) -> dict[str, Any]:
-    """Return the fields of one table, converted to SI and radians; keys in `own` were given for one side."""
+    """Return the fields of one table in SI and radians; the keys in `own` come from the table of one side."""
     keys = keys_of(kind)
     known_keys(issues, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
     known_keys(issues, f"{side}.{prefix}", own or {}, keys)
@@ -190,7 +190,7 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
 
 
 def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -> Any:
-    """Return pairs of a share and a value, the shares rising; issues are noted."""
+    """Return pairs (share, value) with rising shares, as of a curve; issues are noted."""
     pairs = value if isinstance(value, list) else [value]
     if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
         issues.add(key, f"{show(value)}; allowed: [[share, value], …] with shares from 0 to 1, rising")
@@ -215,12 +215,12 @@ def _allowed(quantity: Quantity, form: str = "") -> str:
 
 
 def _unit(quantity: Quantity) -> str:
-    """Return the unit as shown to the user; "" for a pure number."""
+    """Return a quantity's unit as shown to the user; "" for a pure number."""
     return "" if quantity.unit == "1" else quantity.unit
 
 
 def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that no motor makes energy: its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes."""
+    """Check that no motor creates energy: shaft power c1Φ i ω must not exceed the EMF's power c2Φ n i."""
     limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
     given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
     for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
@@ -234,7 +234,7 @@ def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_inertia(issues: ConfigIssues, gate: GateParameters) -> None:
-    """Check that the inertia of a gate about its hinge is plausible.
+    """Check that the gate's moment of inertia about its hinge is plausible.
 
     It is at least m r² of the centre of gravity, and no part of the gate is further from the hinge than r plus the
     diagonal of the gate. A value beyond these limits by more than a factor of ten is a mistake, not an estimate.
@@ -251,7 +251,7 @@ def _check_inertia(issues: ConfigIssues, gate: GateParameters) -> None:
 
 
 def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
-    """Check that the edges of the Hall sensors come one after the other."""
+    """Check that the Hall sensors' tolerances do not displace edges so far that their order changes."""
     most, beside = hall.MOST_DISPLACED, hall.farthest(encoder_of(sensors))
     if beside > most + 1e-9:
         issues.add(
@@ -263,7 +263,7 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
-    """Check the keys of shunt and current window: flags are 0 or 1, some exclude or require others."""
+    """Check the keys of shunt and current window: flags are 0 or 1; some exclude or require others."""
     for key in ("shunt_low_side", "shunt_sampled_on"):
         if getattr(sensors, key) not in (0.0, 1.0):
             issues.add(f"sensors.{key}", f"{getattr(sensors, key):g}; allowed: 0 or 1")
@@ -288,7 +288,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Check that the striker passes in order: entry, half, full. A latch without positions (half = 0) has none."""
+    """Check the latch's striker positions: entry, half, full in this order. Half = 0: without positions."""
     if own.half == 0.0:
         return
     if own.full >= own.half:
@@ -298,7 +298,7 @@ def _check_latch(issues: ConfigIssues, own: Latch) -> None:
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that MOST_PLACES places are enough to tabulate the variation of the friction over the travel."""
+    """Check that MOST_PLACES points are enough to tabulate the friction over the gate's travel."""
     stroke = gate_body.linkage(vehicle.gate).stroke
     if places_of(vehicle, stroke) > MOST_PLACES:
         issues.add(
@@ -309,7 +309,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_geometry(issues: ConfigIssues, gate: GateParameters) -> None:
-    """Check that the actuator gets longer all the way from closed to open."""
+    """Check that the actuator's length increases all the way from closed to open."""
     link = gate_body.linkage(gate)
     if text := _geometry_issue(link, gate.open_angle):
         issues.add("gate", text)
@@ -317,7 +317,7 @@ def _check_geometry(issues: ConfigIssues, gate: GateParameters) -> None:
 
 @functools.lru_cache(_GEOMETRIES)
 def _geometry_issue(link: gate_body.Linkage, open_angle: float) -> str:
-    """Return what is wrong with an actuator's linkage up to an angle [rad]; "": nothing."""
+    """Return as text what is wrong with an actuator's linkage up to an angle [rad]; "": nothing."""
     if min(link.body_radius, link.gate_radius) < 1e-6:
         return "gate_point or body_point lies on the hinge; allowed: a lever arm"
     angles = [open_angle * i / 100.0 for i in range(101)]
@@ -338,7 +338,7 @@ _COORDINATE = re.compile(r"(.+)\[([01])\]")
 def vehicle_text(
     source: Path, settings: Sequence[Setting], values: Mapping[str, float], origin: Mapping[str, Any]
 ) -> str:
-    """Return the text of `source` with `settings` and `values` (by their dotted names) applied.
+    """Return the TOML text of `source` with `settings` and `values` (by dotted name) applied.
 
     `origin` becomes the table `[identification]`, which states the provenance of the values.
     """
@@ -357,7 +357,7 @@ def vehicle_text(
 
 
 def _put(document: Any, name: str, value: float) -> None:
-    """Set one value, also in the table of a drive that has that key itself."""
+    """Set one value in a TOML document, also in the tables of drives that override the key."""
     match = _COORDINATE.fullmatch(name)
     names = (match[1] if match else name).split(".")
     places = [names]

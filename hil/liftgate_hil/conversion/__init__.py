@@ -1,1 +1,1 @@
-"""Recordings converted into other formats, plotted, and compared."""
+"""Conversion of recordings into other formats, their plots, and comparison of two recordings."""

@@ -1,4 +1,4 @@
-"""Comparison of two recordings: differences of each column at the times that both have, of frames; its picture."""
+"""Comparison of two recordings: of columns at common times, and of frames; with a plot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from liftgate_hil.formats.recording import Recording, read_options
 
 
 class Values(NamedTuple):
-    """Values of a column in both recordings at a time; NaN: no value."""
+    """Values of a column in both recordings at one time; NaN: no value."""
 
     time_s: Annotated[float, Shown("time [s]")]
     first: float
@@ -35,13 +35,13 @@ class Values(NamedTuple):
     @property
     def values(self) -> Annotated[tuple[float, float], Shown("both values, in the column's unit: [first, second]; "
             "null: no value")]:
-        """Both values."""
+        """Tuple of both values."""
         return self.first, self.second
 
 
 @dataclass(frozen=True)
 class Difference(DescribedResult):
-    """Difference of one column: second recording minus first."""
+    """Difference of one column: second minus first recording, and where it is largest."""
 
     name: str
     unit: Annotated[str, Shown("unit of the column; empty: none")]
@@ -55,13 +55,13 @@ class Difference(DescribedResult):
 
     @property
     def is_equal(self) -> Annotated[bool, Shown("whether all differences are within the tolerance", key="equal")]:
-        """Whether the difference is within its tolerance everywhere."""
+        """Whether the column's difference is within its tolerance at all times."""
         return self.first is None
 
 
 @dataclass(frozen=True)
 class Comparison(DescribedResult):
-    """Differences between two recordings."""
+    """Result of the comparison of two recordings."""
 
     columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", names=("COLUMN",),
         meanings=("the differences of a column",))]
@@ -144,7 +144,7 @@ def compare_tables(
 
 
 class _Sum:
-    """Differences of a column in the rows read so far."""
+    """Accumulated differences of a column over the rows read so far."""
 
     def __init__(self, name: str, unit: str, tolerance: float) -> None:
         self._name, self._unit, self._tolerance = name, unit, tolerance
@@ -154,7 +154,7 @@ class _Sum:
         self._squares, self._count = 0.0, 0
 
     def add(self, found: Compared) -> None:
-        """Add the column's next rows; a value that only one has is larger than any, and not in the sum."""
+        """Add the column's next rows; a value in one recording only is the largest difference, not in the sum."""
         differences = found.differences()
         known = np.isfinite(differences)
         sizes = np.where(known, np.abs(differences), np.inf)
@@ -169,7 +169,7 @@ class _Sum:
         self._count += int(known.sum())
 
     def result(self) -> Difference:
-        """Return the difference of the column."""
+        """Return the accumulated difference of the column."""
         rms = float(np.sqrt(self._squares / max(self._count, 1)))
         return Difference(self._name, self._unit, self._largest, self._at, self._first, rms, self._tolerance)
 
@@ -182,9 +182,9 @@ _PICTURED = 6  # columns that are drawn where none are named
 
 
 def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -> Comparison:
-    """Compare two recordings, and draw them where the request names a picture.
+    """Compare two recordings by a request, and plot them if the request names a picture.
 
-    `report` is called with how far it is, `say` with what becomes of a picture that was there. Raises ConfigError.
+    `report` is called with the progress, `say` with a note on a replaced picture. Raises ConfigError.
     """
     window, tolerance_s = window_of(request.from_s, request.to_s), _time_tolerance_s(request)
     rig, columns = request.rig, request.columns
@@ -209,7 +209,7 @@ def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -
     if have_rows:
 
         def opened(path: Path) -> Recording:
-            """Open a table; without a rig, signals are decoded by the recording's own one."""
+            """Open a recording as a table; its frames are decoded by the given rig, else by that of its run."""
             return open_whole(path, None, how, columns) if rig is None else open_table(path, rig, how)
 
         tables = opened(paths[0]), opened(paths[1])
@@ -229,9 +229,9 @@ def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -
 
 @command(CompareRequest)
 def compare(request: CompareRequest) -> Comparison:
-    """Compare two recordings: the differences of each column, and of their frames.
+    """Compare the columns and the frames of two recordings.
 
-    Rows are compared at the times that both have. Raises ConfigError.
+    Rows are compared at the times common to both. Raises ConfigError.
     """
     return compared(request)
 
@@ -243,7 +243,7 @@ def _time_tolerance_s(request: CompareRequest) -> float:
 def _draw(
     target: Path, tables: tuple[Recording, Recording], found: Comparison, request: CompareRequest, say: Say
 ) -> None:
-    """Draw the requested columns of both, else up to _PICTURED of those that differ and the usual ones."""
+    """Plot the requested columns of both recordings, else up to _PICTURED that differ, and the usual ones."""
     from liftgate_hil.conversion.figures.columns import one_of_each, panels_of, two_pictures, usual_columns
     from liftgate_hil.conversion.sheet import write_picture
 

@@ -1,4 +1,4 @@
-"""Comparison of the frames of two recordings, one after the other."""
+"""Comparison of the frames of two recordings in their order."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NONE = "none"
 # fmt: off
 @dataclass(frozen=True)
 class FramesCompared(DescribedResult):
-    """Result of the comparison of the frames of two recordings."""
+    """Result of the comparison of two recordings' frames."""
 
     counts: Annotated[tuple[int, int], Shown("number of frames: [first, second]")]
     first: Annotated[int | None, Shown("index from 0 of the first frame that differs; null: all are equal",
@@ -81,7 +81,7 @@ def compare_frames(
 
 
 def in_words(frame: np.void, offset_ns: int = 0) -> str:
-    """Return a frame as a line: time, direction, identifier, data; `offset_ns` [ns] is added to its time."""
+    """Return a frame as a line of text: time plus `offset_ns` [ns], direction, identifier, data."""
     identifier = int(frame["identifier"])
     number = identifier & ~FD_FLAGS & ~(EXTENDED | REMOTE | ERROR)
     kinds = [
@@ -96,14 +96,14 @@ def in_words(frame: np.void, offset_ns: int = 0) -> str:
 
 
 class _Frames:
-    """Frames of a recording, as many as are wanted."""
+    """Reader of a recording's frames that holds as many in memory as are needed."""
 
     def __init__(self, source: Recording) -> None:
         self._blocks = source.frames()
         self.block = no_logged()
 
     def fill(self) -> bool:
-        """Make sure that `block` holds frames; return whether there are any."""
+        """Read on until `block` holds frames; return whether it does."""
         while not len(self.block):
             following = next(self._blocks, None)
             if following is None:
@@ -112,6 +112,6 @@ class _Frames:
         return True
 
     def take(self, count: int) -> NDArray[np.void]:
-        """Return the first `count` frames of `block`, and remove them."""
+        """Return the first `count` frames of `block`, and remove them from it."""
         taken, self.block = self.block[:count], self.block[count:]
         return taken

@@ -1,4 +1,4 @@
-"""Conversion of a recording into another format: every row and every frame, or a reason why not."""
+"""Conversion of a recording into another format: all rows and frames, or a reason why that is impossible."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Converted:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Rows, frames, marks and notes that a conversion takes from the source into the target."""
+    """Plan of a conversion: rows, frames, marks and notes to transfer from the source to the target."""
 
     source: Recording
     table: Recording | None  # source of the rows; None: no rows
@@ -67,7 +67,7 @@ def converted(
     stopped: Callable[[], bool] = lambda: False,
     report: Callable[[int, int], None] = lambda rows, frames: None,
 ) -> Converted:
-    """Convert a recording: write it in the format of the target's suffix.
+    """Convert a recording by a request, into the format of the target's suffix.
 
     A target that cannot hold the content unchanged is not written. A file that is already there is set aside, see
     `set_aside`. `stopped` returns whether to end early. `report` is called with the rows and frames so far.
@@ -131,7 +131,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
 
 
 def _notes_about(source: Recording, target: Path) -> list[str]:
-    """Return the note on provenance that the target cannot hold whole. Raises ConfigError if it is damaged."""
+    """Return the note on provenance that the target cannot hold in full. Raises ConfigError if it is damaged."""
     try:
         lines_about(source.about)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -149,7 +149,7 @@ def _notes_about(source: Recording, target: Path) -> list[str]:
 
 
 def _notes_on_units(table: Recording, target: Path) -> list[str]:
-    """Return the note on units that a text cannot hold, as no name states them."""
+    """Return the note on units that the target's text format loses, as no column name states them."""
     units = [
         f"{name}: {each.unit}"
         for name, each in table.signals.items()
@@ -163,7 +163,7 @@ def _notes_on_units(table: Recording, target: Path) -> list[str]:
 
 
 def _notes_on_marks(source: Recording, target: Path) -> list[str]:
-    """Return the note on marks that the target cannot hold, or whose text it changes."""
+    """Return the note on marks that the target's format cannot hold, or whose text it changes."""
     if source.marks and target.suffix not in WITH_MARKS:
         able = ", ".join(WITH_MARKS)
         return [
@@ -175,7 +175,7 @@ def _notes_on_marks(source: Recording, target: Path) -> list[str]:
 
 
 def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]:
-    """Return the marks in order of time, each on one line. Raises ConfigError for one that the target refuses."""
+    """Return the marks in order of time, each on one line. Raises ConfigError for one that the format refuses."""
     earliest = 0.0 if target.suffix == ".mcap" else -_LONGEST_S
     for time_s, text in source.marks:
         if not earliest <= time_s < _LONGEST_S:
@@ -187,7 +187,7 @@ def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]
 
 
 class _StoppedError(Exception):
-    """Raised to leave a file that is not complete."""
+    """Internal exception by which a stopped conversion leaves the incomplete file."""
 
 
 def _written(
@@ -197,7 +197,7 @@ def _written(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> Converted:
-    """Write to a file beside the target; once that is complete, set an older target aside and take its name."""
+    """Write a temporary file beside the target; once complete, set an older target aside and rename it."""
     is_file, asides = not is_special(target), list[Path | None]()
 
     def make_way() -> None:
@@ -227,7 +227,7 @@ def _copied(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> _Copied:
-    """Copy all into a stream, or the target itself, until stopped. Raises RecordingError, ConfigError."""
+    """Copy the source into a stream, or the target itself, until stopped. Raises RecordingError, ConfigError."""
     signals = plan.table.signals if plan.table else {}
     content = Content(
         columns=list(signals),
@@ -248,7 +248,7 @@ def _copied(
 
 
 class _Copied:
-    """Copier of rows, frames and marks to a writer, roughly in order of time."""
+    """Copier of rows, frames and marks from a recording to a writer, roughly in order of time."""
 
     def __init__(
         self,
@@ -265,7 +265,7 @@ class _Copied:
         self.rows = self.frames = self.marks = 0
 
     def all(self) -> None:
-        """Copy until there is no more, or `ended` returns true."""
+        """Copy the rows, frames and marks until there are no more, or `ended` returns true."""
         table = self._plan.table
         signals = table.signals if table else {}
         whole = [k for k, signal in enumerate(signals.values()) if signal.is_whole]
@@ -282,7 +282,7 @@ class _Copied:
         self._marks_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
-        """Copy the blocks of frames that begin up to `time_ns` [ns], or until `ended`."""
+        """Copy the blocks of frames that begin at or before `time_ns` [ns], or until `ended` returns true."""
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return
@@ -291,7 +291,7 @@ class _Copied:
             self._waiting = next(self._blocks, None)
 
     def _frames_and_marks(self, frames: NDArray[np.void]) -> None:
-        """Copy a block of frames, and the marks between them: in a log each one stands at its place."""
+        """Copy a block of frames with the marks between them, as a log has all in order of time."""
         begin = 0
         for time_s, _ in self._plan.marks[self.marks :]:
             place = max(begin, int(np.searchsorted(frames["time_ns"], time_s * 1e9)))
@@ -305,7 +305,7 @@ class _Copied:
         self.frames += len(frames)
 
     def _marks_up_to(self, time_s: float) -> None:
-        """Copy the marks up to a time [s]."""
+        """Copy the marks up to a time [s] that are not yet copied."""
         for mark in self._plan.marks[self.marks :]:
             if mark[0] > time_s or self._ended():
                 return
@@ -314,7 +314,7 @@ class _Copied:
 
 
 def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void]]:
-    """Yield the frames. Raises ConfigError if the target, or its reader, would lose something of one."""
+    """Yield the source's frames. Raises ConfigError for one that the target's format or reader would change."""
     suffix, is_absolute = target.suffix, bool(source.start_ns)
     for block in source.frames():
         identifiers = block["identifier"]
@@ -332,7 +332,7 @@ def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void
 def _refuse_any(
     source: Recording, frames: NDArray[np.void], refused: NDArray[np.bool_], called: str, target: Path
 ) -> None:
-    """Raise ConfigError if a frame is refused."""
+    """Raise ConfigError with the first of the refused frames, if there is any."""
     if not refused.any():
         return
     time_s = frames["time_ns"][int(np.argmax(refused))] / 1e9
@@ -343,7 +343,7 @@ def _refuse_any(
 
 
 def _check_rows(source: Recording, rows: NDArray[np.float64], whole: list[int], target: Path) -> None:
-    """Raise ConfigError if the target would lose something of a row. `whole` are the places of counts."""
+    """Raise ConfigError if the target's format would change a value of a row; `whole`: places of counts."""
     counts = rows[:, whole]
     if not (np.isnan(counts) | ((counts == np.round(counts)) & (np.abs(counts) < _MOST))).all():
         raise ConfigError(f"{source.path}: a count that is not an integer; allowed: integers below 2^53")

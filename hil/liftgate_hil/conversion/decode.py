@@ -1,6 +1,6 @@
-"""Decodes frames into a table of their database's signals.
+"""Decoder of frames into a table of the signals of their database.
 
-It has a row for each time at which a frame came, with each signal as of its message's last frame.
+The table has a row for each time at which a frame came, with each signal as of its message's last frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LATEST_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class Bits:
-    """Indices of a signal's bits in the bits of a payload, MSB first; those of each byte are MSB first, too."""
+    """Positions of a signal's bits in the payload, MSB first, also within each byte."""
 
     places: NDArray[np.intp]
     signed: bool
@@ -37,11 +37,11 @@ class Bits:
 
     @property
     def length(self) -> int:
-        """Bytes that a frame must have to hold the signal."""
+        """Number of bytes that a frame must have to hold the signal."""
         return int(self.places.max()) // 8 + 1
 
     def raw(self, bits: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return the raw number in frames' bits (n, 512)."""
+        """Return the signal's raw number in the bits (n, 512) of frames."""
         count = len(self.places)
         weights = np.uint64(1) << np.arange(count - 1, -1, -1, dtype=np.uint64)
         raw: NDArray[Any] = bits[:, self.places].astype(np.uint64) @ weights
@@ -53,12 +53,12 @@ class Bits:
         return raw
 
     def values(self, bits: NDArray[np.uint8]) -> Floats:
-        """Return the physical value in frames' bits (n, 512)."""
+        """Return the signal's physical value in the bits (n, 512) of frames."""
         return self.raw(bits).astype(np.float64) * self.scale + self.offset
 
 
 def bits_of(signal: BusSignal) -> Bits:
-    """Return the places of the bits of a database's signal."""
+    """Return the bit positions of a database's signal in the payload."""
     if signal.byte_order == "little_endian":
         lowest_first = range(signal.start, signal.start + signal.length)
         places = [8 * (at // 8) + 7 - at % 8 for at in reversed(lowest_first)]
@@ -75,7 +75,7 @@ def bits_of(signal: BusSignal) -> Bits:
 
 
 class Decoder:
-    """Decoder of the frames of these messages, in order of time; it holds the last value of each signal.
+    """Decoder of frames of these messages, in order of time, which holds each signal's last value.
 
     `source` is the name of the file in error messages.
     """
@@ -97,9 +97,9 @@ class Decoder:
         self._last_ns = -(2**62)
 
     def rows(self, blocks: Iterable[NDArray[np.void]]) -> Iterator[Floats]:
-        """Yield rows (n, len(signals)) in order of time.
+        """Yield rows (n, len(signals)) of decoded signals in order of time.
 
-        Frames may be out of order by _LATEST_NS. Raises ConfigError if they are by more.
+        Frames may be out of order by up to _LATEST_NS. Raises ConfigError beyond that.
         """
         waiting = no_logged()
         for block in blocks:
@@ -116,7 +116,7 @@ class Decoder:
             yield self._table(waiting)
 
     def _table(self, frames: NDArray[np.void]) -> Floats:
-        """Return the rows of frames in order of time."""
+        """Return the rows of decoded signals for frames in order of time."""
         times = frames["time_ns"]
         if times[0] < self._last_ns:
             raise ConfigError(
@@ -144,10 +144,10 @@ class Decoder:
     def _is_there(
         self, message: Message, signal: BusSignal, lengths: Any, bits: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return a mask (n,) of a message's frames that hold a signal.
+        """Return the mask (n,) of a message's frames that contain a signal.
 
-        These are long enough, in `lengths` (n,) [bytes], and have a value of the signal's multiplexer, nested ones
-        included, that selects it. `bits` (n, 512) are those of the payloads.
+        Such frames are long enough, in `lengths` (n,) [bytes], and have a value of the multiplexer, nested ones
+        included, that selects the signal. `bits` (n, 512) are the payloads' bits.
         """
         there: NDArray[np.bool_] = lengths >= self._bits[message.name, signal.name].length
         if signal.multiplexer_signal and signal.multiplexer_ids:
@@ -158,7 +158,7 @@ class Decoder:
         return there
 
     def _fill(self, table: Floats) -> None:
-        """Hold each signal's last value where there is none."""
+        """Fill the gaps of each signal's column with its last value."""
         rows = np.arange(len(table))[:, np.newaxis]
         since = np.maximum.accumulate(np.where(np.isnan(table), -1, rows), axis=0)
         held = np.take_along_axis(table, np.maximum(since, 0), axis=0)
@@ -167,7 +167,7 @@ class Decoder:
 
 
 def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message]) -> list[Message]:
-    """Return those messages that there are frames of."""
+    """Return those of the messages of which there are frames."""
     found: set[int] = set()
     for block in blocks:
         sound = block["identifier"] & (REMOTE | ERROR) == 0

@@ -1,4 +1,4 @@
-"""Differences of two recordings whose signals may be earlier or later by a tolerance.
+"""Differences of two recordings in which the same values may come at times that differ by a tolerance.
 
 Each signal holds its value from its row until the next one. At any time its value is compared with all values that
 the other recording has within the tolerance of that time: the difference is the distance to the nearest value
@@ -18,19 +18,19 @@ from liftgate_hil.conversion.partners import NEVER, Floats, Nanoseconds, Partner
 
 
 class Compared(NamedTuple):
-    """Values of a column at the rows of either recording, in order of time; NaN: no value."""
+    """Values of a column of both recordings at all rows, in order of time; NaN: no value."""
 
     times: Floats  # (n,) s
     first: Floats  # (n,) in the first recording; at a row of the second one the nearest value within the tolerance
     second: Floats  # (n,) the same of the second one
 
     def differences(self) -> Floats:
-        """Return second minus first (n,); 0 where neither has a value, NaN where only one has."""
+        """Return second minus first (n,); 0 where neither recording has a value, NaN where only one has."""
         return differences_of(self.first, self.second)
 
 
 def differences_of(first: Floats, second: Floats) -> Floats:
-    """Return second minus first; 0 where neither has a value, NaN where only one has."""
+    """Return `second` minus `first`; 0 where neither has a value, NaN where only one has."""
     with np.errstate(invalid="ignore", over="ignore"):
         result: Floats = second - first
     result[(first == second) | (np.isnan(first) & np.isnan(second))] = 0.0
@@ -38,7 +38,7 @@ def differences_of(first: Floats, second: Floats) -> Floats:
 
 
 class HeldValues:
-    """Rows of both recordings that are not compared yet, or with which later rows are to be compared."""
+    """Rows of both recordings that still have to be compared, or that later rows are compared with."""
 
     def __init__(self, columns: int, tolerance: int) -> None:
         self._tolerance = tolerance  # ns
@@ -47,7 +47,7 @@ class HeldValues:
         self._done = [0, 0]  # rows of each that are compared
 
     def add(self, found: Partners) -> Iterator[tuple[int, Compared]]:
-        """Take rows in; yield the place of each column, and its values as far as they can be compared by now."""
+        """Add rows; yield each column's index, and its values as far as they can be compared by now."""
         self._rows = [own.then(more) for own, more in zip(self._rows, found.rows, strict=True)]
         parts = [self._windows(place, found.until, found.held[1 - place]) for place in (0, 1)]
         if any(len(part.times) for part in parts):
@@ -58,7 +58,7 @@ class HeldValues:
         self._forget()
 
     def _windows(self, place: int, until: int, known: tuple[int, int]) -> _Windows:
-        """Return the windows of rows that can be compared: up to `until`, where the other has values (`known`)."""
+        """Return the windows of rows that can be compared: up to `until`, within the other's times (`known`)."""
         own, other, tolerance = self._rows[place].times, self._rows[1 - place].times, self._tolerance
         begin = self._done[place]
         # A row holds until the next one.
@@ -89,7 +89,7 @@ class HeldValues:
         return Compared(times[order], first[order], second[order])
 
     def _forget(self) -> None:
-        """Forget the rows that are compared and in no window of a later one."""
+        """Remove the rows that are compared and in no window of a later row."""
         waiting = [
             int(rows.times[done]) if done < len(rows.times) else NEVER
             for rows, done in zip(self._rows, self._done, strict=True)
@@ -102,7 +102,7 @@ class HeldValues:
 
 
 class _Windows(NamedTuple):
-    """Rows of a recording, and the other recording's rows within the tolerance of the times at which they hold."""
+    """Rows of a recording, each with the other recording's rows within the tolerance while it is held."""
 
     rows: int  # number of rows that were looked at
     times: Nanoseconds  # (n,) of those that have a window
@@ -113,7 +113,7 @@ class _Windows(NamedTuple):
     high: Places  # (m,) row after the last one in the window
 
     def nearest(self, values: Floats, others: Floats) -> Floats:
-        """Return the value in `others` (n,) for each of the rows' `values` (n,), where the row is furthest off."""
+        """Return for each row's value the nearest of the other recording's values, at its worst window, (n,)."""
         if not len(values):
             return values
         least, largest, lacks = _extremes(others, self.low, self.high)
@@ -131,7 +131,7 @@ class _Windows(NamedTuple):
 
 
 def _smallest(low: Places, high: Places, held: Places) -> tuple[Places, Places, Places]:
-    """Return the windows (their ends rise) that contain no other of the same row, no further off there."""
+    """Return the windows (with rising ends) that contain no other one of the same row."""
     kept = np.ones(len(held), dtype=bool)
     kept[:-1] = (np.diff(high) != 0) | (np.diff(held) != 0)
     low, high, held = low[kept], high[kept], held[kept]

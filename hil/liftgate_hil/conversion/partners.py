@@ -1,4 +1,4 @@
-"""Rows of two recordings with a partner, a row of the other at the same time within a tolerance; their offset."""
+"""Pairing of rows of two recordings at the same times within a tolerance, and the offset of their times."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ class TimedRows(NamedTuple):
     values: Floats
 
     def where(self, chosen: NDArray[np.bool_] | slice) -> TimedRows:
-        """Return some of the rows."""
+        """Return the rows selected by a mask or a slice."""
         return TimedRows(self.times[chosen], self.values[chosen])
 
     def between(self, begin: int, end: int) -> TimedRows:
-        """Return the rows after `begin` up to `end` [ns]."""
+        """Return the rows after `begin` up to and including `end` [ns]."""
         return self.where(slice(*np.searchsorted(self.times, (begin, end), side="right").tolist()))
 
     def then(self, others: TimedRows) -> TimedRows:
-        """Return these rows and later ones."""
+        """Return these rows followed by later ones."""
         if not len(self.times):
             return others
         return TimedRows(np.concatenate([self.times, others.times]), np.concatenate([self.values, others.values]))
 
 
 def no_rows(columns: int) -> TimedRows:
-    """Return no rows."""
+    """Return an empty table of rows."""
     return TimedRows(np.zeros(0, dtype=np.int64), np.zeros((0, columns)))
 
 
 class Partners(NamedTuple):
-    """Rows of both recordings with a partner, in a span of time, and the numbers of rows there that have none."""
+    """Rows of both recordings with a partner, in a span of time, and the numbers of rows without one."""
 
     rows: tuple[TimedRows, TimedRows]
     alone: tuple[int, int]
@@ -58,7 +58,7 @@ class Partners(NamedTuple):
 def partners(
     tables: tuple[Recording, Recording], blocks: tuple[Iterator[Floats], Iterator[Floats]], tolerance: int
 ) -> Iterator[Partners]:
-    """Yield the rows of both recordings span by span; `tolerance` [ns] is that of the times.
+    """Yield the paired rows of both recordings, span by span; `tolerance` [ns] is that of their times.
 
     The first column of the rows is the time [s]. Raises ConfigError for rows that are not in order of time.
     """
@@ -90,7 +90,7 @@ def ns_of(times: Floats) -> Nanoseconds:
 
 
 def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Places, Places]:
-    """Return the places of the times with a partner, and those of their nearest partners."""
+    """Return the indices of `times` with a partner in `others`, and the indices of the nearest partners."""
     here = np.flatnonzero(_has_partner(times, others, tolerance))
     after = np.clip(np.searchsorted(others, times[here]), 1, max(len(others) - 1, 1))
     is_before = times[here] - others[after - 1] <= others[np.minimum(after, len(others) - 1)] - times[here]
@@ -98,7 +98,7 @@ def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Pl
 
 
 def _has_partner(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> NDArray[np.bool_]:
-    """Return which of the times (n,) are within the tolerance of one of the others."""
+    """Return the mask (n,) of times that are within the tolerance of one of `others`."""
     found: NDArray[np.bool_] = np.searchsorted(others, times - tolerance) < np.searchsorted(
         others, times + tolerance, side="right"
     )
@@ -106,7 +106,7 @@ def _has_partner(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> NDA
 
 
 class _Reader:
-    """Rows of a table as far as they are read and needed."""
+    """Reader of a table that keeps the rows read so far and still needed."""
 
     def __init__(self, table: Recording, blocks: Iterator[Floats]) -> None:
         self._path, self._blocks = table.path, blocks
@@ -116,7 +116,7 @@ class _Reader:
         self.read()
 
     def read(self) -> None:
-        """Read the next block. Raises ConfigError where its rows are not in order of time."""
+        """Read the next block of rows. Raises ConfigError where they are not in order of time."""
         values = next(self._blocks, None)
         if values is None:
             self.last = NEVER
@@ -138,7 +138,7 @@ class _Reader:
 
     @property
     def held(self) -> tuple[int, int]:
-        """From when until when it has values [ns], the last row as long as that before; NEVER: maybe more."""
+        """Time span [ns] with values of the table; the last row lasts as long as the one before; NEVER: open."""
         if self.last < NEVER or len(self._ends) < 2:
             return self._first, NEVER
         return self._first, int(2 * self._ends[1] - self._ends[0])
@@ -153,7 +153,7 @@ _COARSE_NS = 1_000_000  # resolution of the start time in ASC and TRC
 
 
 def offset_of(shift_ns: int, first_ns: int, second_ns: int, tolerance_ns: int) -> int:
-    """Return the offset [ns] between the times of two recordings, which is no difference of their content.
+    """Return the constant offset [ns] between the times of two recordings, which does not count as a difference.
 
     `shift_ns` is the time of the first row or frame in the first recording minus that in the second, `first_ns`
     and `second_ns` are the wall clock at their time 0 (0: unknown). The offset is the difference of the wall
@@ -169,25 +169,25 @@ def offset_of(shift_ns: int, first_ns: int, second_ns: int, tolerance_ns: int) -
 
 @dataclass(frozen=True, kw_only=True)
 class ShiftedRows(Recording):
-    """Rows of a recording with a constant added to their times."""
+    """Recording with a constant added to the times of its rows."""
 
     source: Recording
     offset_s: float
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the file."""
+        """Notes on the source file."""
         return self.source.notes
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: no value."""
+        """Yield rows (n, len(wanted)) of the wanted columns, one block at a time; NaN: no value."""
         shift = np.array([self.offset_s if name == "time_s" else 0.0 for name in wanted])
         for rows in self.source.rows(wanted):
             yield rows + shift
 
 
 def aligned(first: Recording, second: Recording, tolerance_ns: int) -> Recording:
-    """Return the rows of the second recording with times that count from the time 0 of the first one."""
+    """Return the second recording with times that count from time 0 of the first one."""
     begins = [_first_ns(each) for each in (first, second)]
     if begins[0] is None or begins[1] is None:
         return second
@@ -200,6 +200,6 @@ def aligned(first: Recording, second: Recording, tolerance_ns: int) -> Recording
 
 
 def _first_ns(table: Recording) -> int | None:
-    """Return the time of the first row [ns]; None: there is none, or its time is no number."""
+    """Return the time of a table's first row [ns]; None: there is none, or its time is no number."""
     rows = next(table.rows(["time_s"]), None)
     return None if rows is None or not np.isfinite(rows[:1]).all() or not len(rows) else round(1e9 * rows[0, 0])

@@ -1,4 +1,4 @@
-"""Picture of a recording, of a vehicle, or of both: one of the figures of `FIGURES`."""
+"""Plots of a recording, of a vehicle, or of both: one of the figures in `FIGURES`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _VEHICLE = "suv"  # where neither the request nor the recording names one
 
 
 class Plotted(NamedTuple):
-    """Picture that was written: its file, what it does not show, and what the reader of the recording noticed."""
+    """A written plot: its file, what it does not show, and the notes of the recording's reader."""
 
     path: Path
     note: str
@@ -30,7 +30,7 @@ class Plotted(NamedTuple):
 
 
 def plotted(request: PlotRequest, say: Say = silent) -> Plotted:
-    """Draw a figure into a file; `say` is told what becomes of one that was there. Raises ConfigError."""
+    """Draw a figure into a file; `say` is told what happened to an existing file. Raises ConfigError."""
     _check(request)
     sources = [each for each in (request.recording, request.vehicle) if each is not None]
     sources += [] if request.rig is None else files_of(request.rig)
@@ -44,7 +44,7 @@ def plotted(request: PlotRequest, say: Say = silent) -> Plotted:
 
 @command(PlotRequest)
 def plot(request: PlotRequest) -> Plotted:
-    """Draw a recording or a vehicle: one of several figures, into a file.
+    """Draw one of several figures of a recording or a vehicle into a file.
 
     Raises ConfigError.
     """
@@ -52,13 +52,13 @@ def plot(request: PlotRequest) -> Plotted:
 
 
 def drawn(name: str, subject: FigureSubject) -> Drawn:
-    """Draw the figure of that name, one of FIGURES. Raises ConfigError where the subject lacks what it needs."""
+    """Draw the figure with a name in FIGURES. Raises ConfigError where the subject lacks a part that it needs."""
     module = importlib.import_module(f"liftgate_hil.conversion.figures.{name}")
     return cast(Drawn, module.draw(subject))
 
 
 def _check(request: PlotRequest) -> None:
-    """Raise ConfigError where the figure lacks its recording, or has arguments of other figures."""
+    """Raise ConfigError where the figure's recording is missing, or arguments of other figures are given."""
     kind, issues = FIGURES[request.figure], list[str]()
     fields = {each.name: each for each in fields_of(PlotRequest)}
 
@@ -81,14 +81,14 @@ def _check(request: PlotRequest) -> None:
 
 
 def _target(request: PlotRequest) -> str:
-    """Return the file of the picture where none is named."""
+    """Return the default file of the plot, where none is named."""
     if request.figure == COLUMNS:
         return f"{request.recording}.png"
     return f"{request.recording or Path(request.vehicle or _VEHICLE).stem}.{request.figure}.png"
 
 
 def _subject(request: PlotRequest) -> FigureSubject:
-    """Return what the figure is of. Raises ConfigError."""
+    """Return the subject of the requested figure. Raises ConfigError."""
     kind, name = FIGURES[request.figure], str(request.vehicle or _VEHICLE)
     recorded = RecordedSetup()
     if kind.of_vehicle and request.recording is not None and request.vehicle is None:

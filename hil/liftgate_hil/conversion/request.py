@@ -1,4 +1,4 @@
-"""Requests of the commands on recordings; what they share is described once."""
+"""Requests (arguments) of the commands convert, compare and plot; shared arguments are described once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from liftgate_hil.formats.suffixes import BUS_LOGS, PICTURES, ROWS_AND_FRAMES, R
 
 
 class FigureKind(NamedTuple):
-    """What a figure shows, and of what."""
+    """Kind of figure: its meaning, and whether it needs a recording or a vehicle."""
 
     meaning: str
     of_recording: bool = False
@@ -41,12 +41,12 @@ _LONGEST_S = 3600.0  # s; all rows within it are kept in memory
 
 
 class Tolerances:
-    """Kind of value: tolerances of columns, as texts, by name, or one for all."""
+    """Kind of value: tolerances as texts, each of a named column or for all columns."""
 
     allowed, invalid = "X or NAME=X, X at least 0", ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """Return the tolerances as texts; an issue for the first that is none."""
+        """Return the tolerances as texts; an issue for the first invalid one."""
         if isinstance(value, Mapping):
             given = [f"{name}={each}" for name, each in value.items()]
         else:
@@ -59,7 +59,7 @@ class Tolerances:
 
 
 def tolerance_in(text: str) -> tuple[str, float]:
-    """Return column ("": all) and number of a tolerance, [NAME=]X; NaN: it has none."""
+    """Return column ("": all) and number of a tolerance [NAME=]X; NaN if the number is invalid."""
     name, _, number = text.rpartition("=")
     try:
         return name, float(number)
@@ -81,7 +81,7 @@ To = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "end at this time", "
 
 
 class ConvertRequest(Record, kw_only=False):
-    """Request to convert a recording."""
+    """Arguments of the command convert."""
 
     source: Annotated[str | Path, Field(File(), "a recording, or a bus log of another tool", metavar="FILE")]
     target: Annotated[str | Path, Field(File(), f"the file to write: {' '.join(ROWS_ONLY)} hold rows, "
@@ -94,7 +94,7 @@ class ConvertRequest(Record, kw_only=False):
 
 
 class CompareRequest(Record, kw_only=False):
-    """Request to compare two recordings."""
+    """Arguments of the command compare."""
 
     first: Annotated[str | Path, Field(File(), "a recording", metavar="FILE")]
     second: Annotated[str | Path, Field(File(), "the recording to compare it with", metavar="OTHER_FILE")]
@@ -123,7 +123,7 @@ OF_VEHICLE = ("vehicle", "settings", "draw", "ideal")
 
 
 class PlotRequest(VehicleSettings, kw_only=False):
-    """Request to draw a recording or a vehicle."""
+    """Arguments of the command plot, of a recording or a vehicle."""
 
     recording: Annotated[str | Path | None, Field(File(), "a recording, or a bus log of another tool",
         metavar="FILE")] = None

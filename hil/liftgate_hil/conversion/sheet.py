@@ -1,4 +1,4 @@
-"""The sheet on which pictures of recordings and vehicles are drawn: sizes, fonts, legends, captions, files."""
+"""Common layout of plots of recordings and vehicles: sizes, fonts, legends, captions, files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LINE = 140  # characters of a caption's line at WIDTH
 
 
 def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
-    """Return the path of a picture. Raises ConfigError where no picture can be written there."""
+    """Return the path of a picture to write, validated. Raises ConfigError if none can be written there."""
     if Path(name).suffix.lower() not in PICTURES:
         raise ConfigError(f"`output` {name}: allowed: a file of {', '.join(PICTURES)}")
     check_targets({"output": name}, sources)
@@ -39,7 +39,7 @@ def check_picture(name: str, sources: Sequence[str | Path]) -> Path:
 
 @contextlib.contextmanager
 def sheet(height: float, title: str, width: float = WIDTH, is_spaced: bool = False) -> Iterator[Figure]:
-    """Context for a figure of this size [inch] in a sheet's fonts; `is_spaced`: a blank line below its title."""
+    """Context that yields a figure of a size [inch] in common fonts; `is_spaced`: blank line below the title."""
     import matplotlib
 
     with style():
@@ -53,7 +53,7 @@ def sheet(height: float, title: str, width: float = WIDTH, is_spaced: bool = Fal
 
 
 def finish(figure: Figure, caption: str = "") -> None:
-    """Align the labels of a drawn figure, and write a caption below it."""
+    """Align the labels of a drawn figure and write a caption below it."""
     from matplotlib.axes import Axes
 
     figure.align_ylabels()
@@ -65,7 +65,7 @@ def finish(figure: Figure, caption: str = "") -> None:
 
 
 def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5) -> Legend:
-    """Put the legend above the axes, where it hides no curve, and return it.
+    """Put the legend above the axes, where it covers no curve, and return it.
 
     `handles`: with those of another axis; `columns`: entries of a line.
     """
@@ -81,7 +81,7 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
 
 
 def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say = silent) -> None:
-    """Write the plot in the format of its suffix, one of PICTURES; see `put_report`.
+    """Write the figure in the format of its suffix, one of PICTURES; see `put_report`.
 
     Raises ConfigError if it cannot be written.
     """
@@ -92,7 +92,7 @@ def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say
 
 
 def _drawn_as(suffix: str, figure: Figure, title: str, caption: str) -> bytes:
-    """Return the content of a picture's file."""
+    """Return the bytes of a picture file in the format of a suffix."""
     if suffix == ".png":
         return png(figure, _DPI)
     if suffix == ".pdf":

@@ -1,4 +1,4 @@
-"""Columns of a recording: its own, or those that a rig's database decodes from its frames."""
+"""Columns of a recording: those of its rows, and those decoded from its frames by a rig's database."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class DecodedRows(Recording):
-    """Rows decoded from frames: one for each time at which a frame of these messages came."""
+    """Recording whose rows are decoded from frames: one for each time at which a frame came."""
 
     source: Recording
     messages: tuple[Message, ...]
@@ -40,11 +40,11 @@ class DecodedRows(Recording):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the file whose frames are decoded, and on the database."""
+        """Notes on the file whose frames are decoded, and on the database."""
         return (*self.source.notes, *self.left_out)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these signals; NaN: no value yet."""
+        """Yield rows (n, len(wanted)) of the wanted signals; NaN: no value yet."""
         order = list(self.signals)
         places = [order.index(name) for name in wanted]
         for rows in Decoder(self.messages, str(self.path)).rows(self.source.frames()):
@@ -53,18 +53,18 @@ class DecodedRows(Recording):
 
 @dataclass(frozen=True, kw_only=True)
 class RowsAndSignals(Recording):
-    """Rows of a recording and what is decoded from its frames, each value held until the next one."""
+    """Recording that joins its rows and the signals decoded from its frames, each value held until the next."""
 
     source: Recording
     decoded: DecodedRows
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the file and on the database."""
+        """Notes on the file and on the database."""
         return self.decoded.notes
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)), one at each time of either, to the nanosecond; NaN: no value yet."""
+        """Yield rows (n, len(wanted)), one per time of a row or a frame, to the nanosecond; NaN: no value yet."""
         parts = []
         for each in (self.source, self.decoded):
             own = [name for name in wanted if name in each.signals and name != "time_s"]
@@ -82,7 +82,7 @@ class RowsAndSignals(Recording):
 
 
 def decoded(source: Recording, rig: str) -> DecodedRows:
-    """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
+    """Return a recording's frames, decoded by a rig or a database, as rows. Raises ConfigError."""
     if source.channel is None:
         raise ConfigError(f"`rig` {rig}: allowed with a recording that holds frames; this one has rows")
     known = messages_of(rig)
@@ -102,7 +102,7 @@ def decoded(source: Recording, rig: str) -> DecodedRows:
 
 
 def messages_of(rig: str) -> Messages:
-    """Return the messages of a rig's database, or of a database itself. Raises ConfigError."""
+    """Return the messages of a rig's database, or of a database named itself. Raises ConfigError."""
     if is_database(rig):
         issues = ConfigIssues(f"`rig` {rig}")
         messages = load_messages(issues, database_file(rig))
@@ -114,7 +114,7 @@ def messages_of(rig: str) -> Messages:
 
 
 def files_of(rig: str) -> list[Path]:
-    """Return the files of a rig, or a database itself, as far as they can be found."""
+    """Return the paths of a rig and its database, or of a database itself, as far as they can be found."""
     if is_database(rig):
         return [database_file(rig).path]
     from liftgate_hil.config.rig import load_rig
@@ -126,7 +126,7 @@ def files_of(rig: str) -> list[Path]:
 
 
 def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) -> Recording:
-    """Open the columns of a recording; with `rig` those decoded from its frames. Raises ConfigError."""
+    """Open the columns of a recording; with `rig`, those decoded from its frames. Raises ConfigError."""
     source = open_recording(path, how)
     if rig is not None:
         return decoded(source, rig)
@@ -138,7 +138,7 @@ def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) 
 def open_whole(
     path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS, columns: Sequence[str] = ()
 ) -> Recording:
-    """Open the columns of a recording, its rows and what its frames say. Raises ConfigError.
+    """Open the columns of a recording: its rows and the signals in its frames. Raises ConfigError.
 
     Frames are decoded by `rig`, else by that of the run where one of the `columns` is none of the rows.
     """
@@ -165,18 +165,18 @@ def open_whole(
 
 
 class Window(NamedTuple):
-    """Time window [s], with both ends included."""
+    """Time window [s], both ends included."""
 
     begin: float = -np.inf
     end: float = np.inf
 
     def check(self) -> None:
-        """Raise ConfigError if nothing can be in the window."""
+        """Raise ConfigError if the window is empty."""
         if not self.begin <= self.end:
             raise ConfigError(f"`from_s` {self.begin:g}: after `to_s` {self.end:g}; allowed: before it")
 
     def of(self, blocks: Iterator[Floats]) -> Iterator[Floats]:
-        """Yield the rows in the window; the time is in the first column."""
+        """Yield the rows inside the window; the time is in the first column."""
         for rows in blocks:
             inside = (rows[:, 0] >= self.begin) & (rows[:, 0] <= self.end)
             if inside.any():
@@ -184,7 +184,7 @@ class Window(NamedTuple):
 
 
 def window_of(begin: float | None, end: float | None) -> Window:
-    """Return the window between two times [s]; None: no limit. Raises ConfigError if nothing can be in it."""
+    """Return the window between two times [s]; None: no limit. Raises ConfigError if it is empty."""
     whole = Window()
     window = Window(whole.begin if begin is None else begin, whole.end if end is None else end)
     window.check()
@@ -192,7 +192,7 @@ def window_of(begin: float | None, end: float | None) -> Window:
 
 
 def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") -> list[str]:
-    """Return these columns of a table, which an argument names, once each; ConfigError names those it lacks."""
+    """Return the columns of a table that an argument names, once each. Raises ConfigError for missing ones."""
     issues = []
     for name in columns:
         if name not in table.signals or name == "time_s":
@@ -204,7 +204,7 @@ def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") 
 
 
 def columns_in(table: Recording, names: Sequence[str], window: Window) -> dict[str, Floats]:
-    """Return the times, as `time_s`, and columns as arrays. Raises ConfigError if the window holds no rows."""
+    """Return times, as `time_s`, and columns as arrays. Raises ConfigError if no row is in the window."""
     wanted = ["time_s", *names]
     blocks = list(window.of(table.rows(wanted)))
     if not blocks:
@@ -218,7 +218,7 @@ OUTPUT_OF = {column: output for output, column in OUTPUT_COLUMNS.items()}
 
 
 def mappings_of(rig: str) -> dict[str, SignalMapping]:
-    """Return a rig's signal mappings by our column that each carries; none for a database."""
+    """Return a rig's signal mappings by the column of ours that each carries; none for a bare database."""
     try:
         outputs = rig_from(rig).outputs
     except ConfigError:
@@ -227,6 +227,6 @@ def mappings_of(rig: str) -> dict[str, SignalMapping]:
 
 
 def ours_in(rig: str, names: Sequence[str]) -> dict[str, str]:
-    """Return which decoded signals (`names`) stand for which of our columns, by a rig's file."""
+    """Return the decoded signal, one of `names`, for each column of ours that a rig maps."""
     wired = {column: f"{wire.message}.{wire.signal}" for column, wire in mappings_of(rig).items()}
     return {column: name for column, name in wired.items() if name in names}

@@ -1,1 +1,1 @@
-"""Diagnostics on the bus: transport protocol, the bench's tester, trouble codes, and decoding of responses."""
+"""Diagnostics on the bus: ISO-TP, the bench's tester, trouble codes, and decoding of UDS responses."""

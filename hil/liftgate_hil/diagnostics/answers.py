@@ -1,4 +1,4 @@
-"""Trouble codes in an ECU's responses, from the frames of a run: while it runs, and from its recording.
+"""Decoder of trouble codes in an ECU's responses, from the frames of a run or of its recording.
 
 This listener sends nothing: it reassembles what comes with the identifier of the response, whoever made the
 request.
@@ -25,7 +25,7 @@ MOST_CODES = 62  # bits of a mark
 
 
 class Answers:
-    """Decodes responses in frames as they come; `codes` are the texts of the watched trouble codes."""
+    """Decoder of responses in frames as they come; `codes` are the texts of the watched trouble codes."""
 
     def __init__(self, diagnostics: Diagnostics, codes: Sequence[str]) -> None:
         self._own = diagnostics
@@ -35,7 +35,7 @@ class Answers:
         self._times: list[float] = []  # s, of complete readings
 
     def marks(self, frames: Any) -> NDArray[np.int64]:
-        """Return a mark (n,) for each of frames (n,) LOGGED.
+        """Return the marks (n,) of frames (n,) LOGGED: which trouble codes each of them reports.
 
         A frame that completes a reading has the watched trouble codes that it reports as its mark, one bit each in
         their order, any other frame NO_ANSWER.
@@ -57,13 +57,13 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return when [s] the last reading up to and including `time` [s] was complete; NaN: none."""
+        """Return the time [s] of the last complete reading up to and including `time` [s]; NaN: none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 
     @property
     def longest_wait(self) -> float:
-        """The longest time [s] from one complete reading to the next, of an ECU that responds in time."""
+        """Longest time [s] between two complete readings of an ECU that responds in time."""
         return self._own.period + self._own.patience
 
     def _mark(self, reported: Sequence[int]) -> int:
@@ -78,7 +78,7 @@ _RESET, _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x11, 0x51, 0x7F, 0x21, 0x78
 
 
 class ResetWatch:
-    """Observes frames as they come: single frames of ISO-TP, as an ECUReset and its responses are."""
+    """Observer of ECUReset requests and their responses, single frames of ISO-TP, in frames as they come."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self._own = diagnostics
@@ -86,7 +86,7 @@ class ResetWatch:
         self._failure = NO_FAILURE
 
     def take(self, frames: Any) -> None:
-        """Process frames (n,) LOGGED."""
+        """Observe frames (n,) LOGGED."""
         for row in frames[
             (frames["identifier"] == self._own.request) | (frames["identifier"] == self._own.response)
         ]:
@@ -103,7 +103,7 @@ class ResetWatch:
 
     @property
     def failure(self) -> int:
-        """The outcome of the resets, with the values of `tester.failure_of`."""
+        """Outcome of the observed resets, with the values of `tester.failure_of`."""
         if self._failure == NO_FAILURE and self._is_asked:
             return NO_RESPONSE
         return self._failure

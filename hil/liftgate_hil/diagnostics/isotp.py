@@ -70,7 +70,7 @@ class Link(NamedTuple):
 
 
 def new_link(send_id: int, receive_id: int, padding: int = 0xCC, block_size: int = 0, st_min: int = 0) -> Link:
-    """Return an idle endpoint; `padding` -1: frames are not padded, `st_min`: the byte in its flow control."""
+    """Return an idle endpoint; `padding` -1: frames are not padded, `st_min`: STmin byte in its flow control."""
     head = np.zeros(1, dtype=LINK).view(np.recarray)
     head.send_id, head.receive_id, head.padding = send_id, receive_id, padding
     head.block_size, head.st_min, head.owed = block_size, st_min, _NONE
@@ -78,20 +78,20 @@ def new_link(send_id: int, receive_id: int, padding: int = 0xCC, block_size: int
 
 
 def put_message(link: Link, message: bytes) -> None:
-    """Start sending a message (1 to LONGEST bytes)."""
+    """Put a message (1 to LONGEST bytes) into a link and start sending it."""
     link.head.out[0, : len(message)] = np.frombuffer(message, dtype=np.uint8)
     begin(link, len(message))
 
 
 def message_in(link: Link, length: int) -> bytes:
-    """Return the message that was received last, of `length` bytes."""
+    """Return the last received message, of `length` bytes."""
     message: bytes = link.head.into[0, :length].tobytes()
     return message
 
 
 @compilable
 def begin(link: Link, length: int) -> None:
-    """Start sending the first `length` bytes (1 to LONGEST) of the link's `out`, replacing what was being sent."""
+    """Start sending the first `length` bytes (1 to LONGEST) of the link's `out`, aborting a message under way."""
     head = link.head[0]
     head.sending, head.out_length, head.out_at = TO_BEGIN, length, 0
     head.send_result = OK
@@ -99,7 +99,7 @@ def begin(link: Link, length: int) -> None:
 
 @compilable
 def gap_of(st_min: int) -> int:
-    """Return STmin [ns] for its byte; reserved values mean the longest, 127 ms."""
+    """Return the separation time [ns] for an STmin byte; reserved values mean the longest, 127 ms."""
     if st_min <= 0x7F:
         return st_min * 1_000_000
     if 0xF1 <= st_min <= 0xF9:
@@ -109,7 +109,7 @@ def gap_of(st_min: int) -> int:
 
 @compilable
 def lapse(head: Any, now_ns: int) -> None:
-    """Abort sending and receiving where they have timed out."""
+    """Abort sending and receiving where their timeouts have expired."""
     if head.sending == AWAITS and now_ns > head.answer_by_ns:
         head.sending, head.send_result = IDLE, TIMEOUT_BS
     if head.is_receiving != 0 and now_ns > head.next_by_ns:
@@ -145,7 +145,7 @@ def hear(link: Link, frames: Frames, frame: int, now_ns: int) -> int:
 
 @compilable
 def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
-    """Receive a message in a single frame and return its length; it aborts a message being received."""
+    """Receive a message in a single frame and return its length, aborting a message being received."""
     head, size = link.head[0], int(frames.data[frame, 0])
     if size < 1 or size > length - 1:
         return 0
@@ -158,7 +158,7 @@ def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
 
 @compilable
 def hear_first(link: Link, frames: Frames, frame: int, length: int, now_ns: int) -> None:
-    """Receive the first frame of a message; it aborts a message being received."""
+    """Receive the first frame of a message, aborting another message being received."""
     head, data = link.head[0], frames.data
     size = (int(data[frame, 0]) & 0xF) << 8 | int(data[frame, 1])
     if length < 8 or 0 < size < 8:  # it would have fitted into a single frame
@@ -204,7 +204,7 @@ def hear_next(link: Link, frames: Frames, frame: int, length: int, now_ns: int) 
 
 @compilable
 def hear_flow(head: Any, status: int, block_size: int, st_min: int, now_ns: int) -> None:
-    """Process flow control; it is ignored unless the sender waits for it."""
+    """Process a flow control frame, which is ignored unless the sender waits for it."""
     if head.sending != AWAITS:
         return
     if status == CONTINUE:
@@ -222,9 +222,9 @@ def hear_flow(head: Any, status: int, block_size: int, st_min: int, now_ns: int)
 
 @outlined
 def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
-    """Add what shall be sent at a time [ns] to `frames` after the first `count`, and return the new count.
+    """Append the frames to be sent at a time [ns] to `frames` after the first `count`; return the new count.
 
-    That is flow control and one frame with data, up to MOST_SPOKEN frames.
+    At most MOST_SPOKEN frames are appended: flow control, and one frame with data.
     """
     head = link.head[0]
     lapse(head, now_ns)
@@ -243,7 +243,7 @@ def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
 
 @compilable
 def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
-    """Write the frame with the next data: a single frame, the first one, or a consecutive one."""
+    """Write the next frame with data: a single frame, a first frame, or a consecutive frame."""
     head, data = link.head[0], frames.data
     first, size = 1, 7
     if head.sending == IN_BLOCK:
@@ -271,7 +271,7 @@ def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
 
 @compilable
 def put_end(head: Any, frames: Frames, frame: int, length: int) -> None:
-    """Write the identifier and the length of a frame, and its padding after `length` bytes."""
+    """Write identifier, length and padding (after `length` bytes) of a frame."""
     frames.identifiers[frame] = head.send_id
     frames.lengths[frame] = length if head.padding < 0 else 8
     for k in range(length, 8):
@@ -280,5 +280,5 @@ def put_end(head: Any, frames: Frames, frame: int, length: int) -> None:
 
 @compilable
 def is_sending(link: Link) -> bool:
-    """Whether a message is being sent."""
+    """Whether the link is sending a message."""
     return bool(link.head[0].sending != IDLE)

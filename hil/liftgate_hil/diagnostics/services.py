@@ -1,4 +1,4 @@
-"""UDS (ISO 14229-1) as bytes: the tester's requests and the responses to them, encoded and decoded by udsoncan."""
+"""UDS services (ISO 14229-1) as bytes: the tester's requests and their responses, by udsoncan."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class DecodedResponse(NamedTuple):
 
 
 def is_there() -> bool:
-    """Whether udsoncan is installed."""
+    """Whether the package udsoncan is installed."""
     try:
         import udsoncan  # noqa: F401
     except ImportError:
@@ -29,7 +29,7 @@ def is_there() -> bool:
 
 
 def read_request(status_mask: int) -> bytes:
-    """Return the request ReadDTCInformation, reportDTCByStatusMask."""
+    """Return the UDS request ReadDTCInformation (0x19), reportDTCByStatusMask."""
     from udsoncan.services.ReadDTCInformation import ReadDTCInformation
 
     kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
@@ -44,7 +44,7 @@ def clear_request() -> bytes:
 
 
 def reset_request(kind: str) -> bytes:
-    """Return the request ECUReset, of one of RESETS."""
+    """Return the UDS request ECUReset (0x11) of one of the types RESETS."""
     from udsoncan.services.ECUReset import ECUReset
 
     return bytes(ECUReset.make_request(reset_type=RESETS[kind]).get_payload())
@@ -58,9 +58,9 @@ def refusal_of(code: int) -> str:
 
 
 def answer_of(message: bytes) -> DecodedResponse | None:
-    """Return the decoded response about trouble codes in a message.
+    """Return the decoded response about trouble codes in a message; None if it is no such response.
 
-    None: there is none, as the message is of another service, says that the response is pending, or is malformed.
+    Such messages are of another service, say that the response is pending, or are malformed.
     """
     from udsoncan.exceptions import InvalidResponseException
     from udsoncan.Response import Response

@@ -1,4 +1,4 @@
-"""The bench's tester: clears and periodically reads the ECU's trouble codes, and makes single requests.
+"""The bench's UDS tester: clears and periodically reads trouble codes, and makes single requests.
 
 A single request is, for example, an ECUReset. The tester runs in model time and shares the gate's access to the
 bus: its frames are sent along with those of the gate, and it receives what the gate receives. Its requests are
@@ -78,19 +78,19 @@ class Tester(NamedTuple):
 
 @functools.cache
 def no_tester() -> Tester:
-    """Return the tester that makes no requests, in which nothing is ever written."""
+    """Return a tester that makes no requests, in which nothing is ever written."""
     return _tester(Diagnostics(0, 0), (b"", b"", b""), 0, 0)
 
 
 def quiet(tester: Tester) -> Tester:
-    """Return the same tester, switched off."""
+    """Return a copy of the tester, switched off."""
     head = tester.head.copy()
     head.is_on = 0
     return tester._replace(head=head)
 
 
 def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes) -> Tester:
-    """Return a tester with these encoded requests (up to 8 bytes), which works from the run's time 0 on.
+    """Return a tester that makes these encoded requests (up to 8 bytes each) from the run's time 0 on.
 
     It clears trouble codes, reads them periodically, and resets the ECU for each call of `wants_reset`; an empty
     request is never made.
@@ -101,7 +101,7 @@ def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes)
 
 
 def asking_once(diagnostics: Diagnostics, request: bytes, is_repeated: bool = False) -> Tester:
-    """Return a tester that makes one request (1 to 8 bytes) at once, and no more once it has a response.
+    """Return a tester that makes one request (1 to 8 bytes) at once, until it has a response.
 
     `is_repeated`: the request is repeated if no response comes in time.
     """
@@ -111,7 +111,7 @@ def asking_once(diagnostics: Diagnostics, request: bytes, is_repeated: bool = Fa
 
 
 def is_asking_once(tester: Tester) -> bool:
-    """Whether a single request still waits for its response."""
+    """Whether the tester's single request still waits for its response."""
     return bool(tester.head[0].due)
 
 
@@ -121,7 +121,7 @@ def failure_of(tester: Tester) -> int:
 
 
 def answer_in(tester: Tester) -> bytes:
-    """Return the positive response to a single request."""
+    """Return the positive response to the tester's single request."""
     return message_in(tester.link, int(tester.head[0].answer_length))
 
 
@@ -141,7 +141,7 @@ def _tester(own: Diagnostics, requests: tuple[bytes, ...], room: int, is_on: int
 
 @compilable
 def wants_reset(tester: Tester) -> None:
-    """Request one more ECU reset, made as soon as earlier requests have their responses."""
+    """Order one more ECU reset, requested as soon as earlier requests have their responses."""
     head = tester.head[0]
     if head.due == 0:
         head.once_ns = 0
@@ -150,7 +150,7 @@ def wants_reset(tester: Tester) -> None:
 
 @compilable
 def tester_hears(tester: Tester, frames: Frames, now_ns: int) -> None:
-    """Process the frames that the gate has received by a time [ns]."""
+    """Process in the tester the frames that the gate has received by a time [ns]."""
     if tester.head[0].is_on != 0:
         take_answers(tester, frames, now_ns)
 
@@ -172,7 +172,7 @@ def with_requests(tester: Tester, frames: Frames, now_ns: int) -> Frames:
 
 @outlined
 def take_answers(tester: Tester, frames: Frames, now_ns: int) -> None:
-    """Process the responses among received frames."""
+    """Process the responses to the tester among received frames."""
     head = tester.head[0]
     for i in range(frames.count):
         if head.is_on == 0:  # the response shall stay in the link
@@ -184,7 +184,7 @@ def take_answers(tester: Tester, frames: Frames, now_ns: int) -> None:
 
 @compilable
 def take_answer(tester: Tester, length: int, now_ns: int) -> None:
-    """Process a message of `length` bytes in the link, if it is a response to the current request."""
+    """Process a received message of `length` bytes, if it is a response to the current request."""
     head, answer = tester.head[0], tester.link.head[0].into
     row = head.asked
     service = int(head.requests[row * _MOST_BYTES])
@@ -206,7 +206,7 @@ def take_answer(tester: Tester, length: int, now_ns: int) -> None:
 
 @compilable
 def end_once(head: Any, failure: int, length: int) -> None:
-    """End a single request, which has its response of `length` bytes or has failed."""
+    """End the single request, with its response of `length` bytes or as failed."""
     head.asked, head.answer_length = _NOTHING, length
     if failure != NO_FAILURE:
         head.failure = failure
@@ -217,9 +217,9 @@ def end_once(head: Any, failure: int, length: int) -> None:
 
 @outlined
 def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
-    """Start a request if one is due, and add the tester's frames to those of the gate in `tester.frames`.
+    """Start a request if one is due, and append the tester's frames to those of the gate in `tester.frames`.
 
-    Returns how many frames are there, or `frames.count` if the tester sends none.
+    Returns the number of frames there, or `frames.count` if the tester sends none.
     """
     head, link = tester.head[0], tester.link
     if head.asked != _NOTHING and now_ns > head.answer_by_ns:
@@ -251,7 +251,7 @@ def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def next_request(head: Any, now_ns: int) -> int:
-    """Return the row of the request that is due now, or _NOTHING."""
+    """Return the index of the request that is due now, or _NOTHING."""
     if head.asked != _NOTHING:
         return _NOTHING
     if head.due != 0 and now_ns >= head.once_ns:
@@ -266,7 +266,7 @@ _LONGEST = 60.0  # s, even if the ECU keeps responding "response pending"
 
 
 class CallerLoop(NamedTuple):
-    """A caller's loop and the gate in it."""
+    """Functions of a caller's own loop around a gate, with which a tester can be run."""
 
     put: Callable[[Tester], None]  # puts a tester on the gate's bus, in place of the one before
     cycle: Callable[[], object]  # runs the loop once
@@ -274,7 +274,7 @@ class CallerLoop(NamedTuple):
 
 
 def read_codes(diagnostics: Diagnostics, bench: CallerLoop) -> dict[str, int]:
-    """Return the status bytes of trouble codes by their texts. Raises like `response_to`."""
+    """Read trouble codes from the ECU: status bytes by the codes' texts. Raises like `response_to`."""
     request = services.read_request(diagnostics.status_mask)
     response = response_to(_READING, asking_once(diagnostics, request), bench)
     answer = services.answer_of(response)
@@ -284,12 +284,12 @@ def read_codes(diagnostics: Diagnostics, bench: CallerLoop) -> dict[str, int]:
 
 
 def clear_codes(diagnostics: Diagnostics, bench: CallerLoop) -> None:
-    """Clear all trouble codes. Raises like `response_to`."""
+    """Clear all trouble codes of the ECU. Raises like `response_to`."""
     response_to(_CLEARING, asking_once(diagnostics, services.clear_request()), bench)
 
 
 def response_to(service: str, tester: Tester, bench: CallerLoop) -> bytes:
-    """Return the positive response to the single request of a tester for a service.
+    """Run the caller's loop until a tester's single request has a positive response; return that.
 
     Raises DiagnosticsError if there is none, ConfigError if a cycle takes no time, and what a cycle raises.
     """

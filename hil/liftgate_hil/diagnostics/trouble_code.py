@@ -1,4 +1,4 @@
-"""Trouble codes: their texts (SAE J2012, ISO 15031-6) and their numbers of three bytes (ISO 14229-1)."""
+"""Trouble codes as text (SAE J2012, ISO 15031-6) and as numbers of three bytes (ISO 14229-1)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _AREAS = "PCBU"
 
 
 def number_of(text: str) -> tuple[int, int]:
-    """Return the number of a trouble code's text, and the mask of the bits that count.
+    """Return the number of a trouble code given as text, and the mask of the bits that count.
 
     Without a failure type, any failure type matches. The letter is in bits 23 and 22, the digit in 21 and 20, then
     come three hexadecimal digits, and the failure type in the low byte. Raises ValueError.
@@ -29,5 +29,5 @@ def number_of(text: str) -> tuple[int, int]:
 
 
 def text_of(number: int) -> str:
-    """Return the text of a number of three bytes, with the failure type: 0x9A0162 is B1A01-62."""
+    """Return the text of a trouble code's number (three bytes) with failure type: 0x9A0162 is B1A01-62."""
     return f"{_AREAS[number >> 22 & 3]}{number >> 20 & 3}{number >> 8 & 0xFFF:03X}-{number & 0xFF:02X}"

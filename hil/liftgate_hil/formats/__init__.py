@@ -1,1 +1,1 @@
-"""Recording formats behind the `Writer` protocol; the suffix of a file selects its format."""
+"""Recording file formats: writers behind the `Writer` protocol, readers behind `Recording`; suffix selects."""

@@ -1,4 +1,4 @@
-"""Account of what a reader left out of a file: lines and objects that gave neither a frame nor a row."""
+"""Account of what a reader left out of a file: lines and objects that are neither a frame nor a row."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class _Kind:
 
 
 class Account:
-    """Account of one pass over a file: lines or objects that were left out, by kind, and where the first is.
+    """Account of what one pass over a file left out: lines or objects, counted by kind, with the first place.
 
-    What is known to be no frame (comments, headers, statistics) is not counted.
+    Lines and objects known not to be frames (comments, headers, statistics) are not counted.
     """
 
     def __init__(self) -> None:
@@ -35,17 +35,17 @@ class Account:
         self._is_cut = False
 
     def clear(self) -> None:
-        """Begin anew, for another pass over the file."""
+        """Clear the account of what was left out, for another pass over the file."""
         self._kinds.clear()
         self._rounded.clear()
         self._is_cut = False
 
     def cut_off(self) -> None:
-        """Note that the last line is only a part of one, as a full disk or a kill leaves it."""
+        """Note that the file's last line is incomplete, as after a full disk or a kill."""
         self._is_cut = True
 
     def leave_out(self, noun: str, why: str, first: str, count: int = 1) -> None:
-        """Count lines or objects that are left out.
+        """Count lines or objects of one kind that are left out.
 
         `noun`: what one of them is; `why`: the reason; `first`: where the first of them stands, if it is the first
         of its kind.
@@ -54,11 +54,11 @@ class Account:
             self._kinds.setdefault((noun, why), _Kind(0, first)).count += count
 
     def not_understood(self, line: int, text: str) -> None:
-        """Count a line of a text that no form of the format covers."""
+        """Count a line of a text log that matches no form of the format."""
         self.leave_out("line", "not understood", f"line {line}: {quoted(text)}")
 
     def floats_of(self, name: str, numbers: NDArray[Any] | Sequence[int]) -> NDArray[np.float64]:
-        """Return numbers of a column (n,) as floats, and count the integers that these cannot hold."""
+        """Return a column's numbers (n,) as floats, and count the integers that a float cannot hold."""
         values = np.asarray(numbers, dtype=np.float64)
         is_whole = np.asarray(numbers).dtype.kind != "f"
         large = np.flatnonzero(np.abs(values) >= _EXACT).tolist() if is_whole else []
@@ -68,7 +68,7 @@ class Account:
         return values
 
     def notes(self) -> list[str]:
-        """Return a note for each kind; kinds beyond the first dozen share one."""
+        """Return the account as notes, one for each kind; kinds beyond the first dozen share one."""
         notes = [CUT] if self._is_cut else []
         notes += [
             f"{number_of(each.count, noun)} left out ({why}), the first in {each.first}"
@@ -86,6 +86,6 @@ class Account:
 
 
 def quoted(text: str) -> str:
-    """Return the beginning of a foreign line, in quotes."""
+    """Return the beginning of a line of a foreign file in quotes, for notes."""
     text = printable(text.strip())
     return repr(text if len(text) <= _MOST_QUOTED else text[:_MOST_QUOTED] + "…")

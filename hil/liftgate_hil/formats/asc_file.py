@@ -1,4 +1,4 @@
-"""Bus logs in Vector's ASC format: every line is a frame, known to be none, or left out and counted."""
+"""Bus logs in Vector's ASC format: each line is a frame, known not to be one, or left out and counted."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _FLAG_REMOTE, _FLAG_FD = 0x10, 0x1000
 
 
 class AscWriter(MessageWriter):
-    """Writer of ASC by python-can, whose header has the start of the run; error frames have no class there."""
+    """Writer of ASC bus logs by python-can, with the start of the run in the header; without error frames."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
@@ -74,11 +74,11 @@ class AscWriter(MessageWriter):
 
     @property
     def written(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written so far."""
         return self._stream.tell()
 
     def begin(self, epoch_ns: int) -> None:
-        """Write the wall clock at the start of the run [ns since 1970], and the provenance as comments."""
+        """Write the header with the wall clock at the start [ns since 1970], and the provenance as comments."""
         super().begin(epoch_ns)
         self._zero_us = epoch_ns // 1000
         self._writer.begin(self._zero_us)
@@ -86,17 +86,17 @@ class AscWriter(MessageWriter):
             self._writer.file.write(f"// {line}\n")
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s], as a comment."""
+        """Write an operator's mark at a time [s] as a comment."""
         self._writer.log_event(f"// {text}", time_s)
 
 
 def _writer(stream: io.TextIOWrapper) -> Any:
-    """Return python-can's writer of ASC; its header has the start of the run, where 1 ms is .001 instead of .1."""
+    """Return python-can's ASC writer, corrected: 1 ms in the header's start is .001 instead of .1."""
     from liftgate_hil.config.can_libraries import can
 
     class Writer(can.ASCWriter):
         def begin(self, start_us: int) -> None:
-            """Write the header anew, for a run that starts at a time [µs since 1970], from which times count."""
+            """Write the header again, for a run that starts at a time [µs since 1970], from which times count."""
             date = local_of(start_us)
             self.file.seek(0)
             self.file.truncate()
@@ -108,7 +108,7 @@ def _writer(stream: io.TextIOWrapper) -> Any:
             self.log_event("Start of measurement", 0.0)
 
         def log_event(self, message: str, timestamp: float | None = None) -> None:
-            """Write an event at a time [s] since the start."""
+            """Write an event line at a time [s] since the start."""
             self.file.write(self.FORMAT_EVENT.format(timestamp=timestamp or 0.0, message=message))
 
         def _format_header_datetime(self, dt: Any) -> str:
@@ -118,7 +118,7 @@ def _writer(stream: io.TextIOWrapper) -> Any:
 
 
 def open_asc(path: Path) -> BusLog:
-    """Open a log in ASC. Raises ConfigError."""
+    """Open a bus log in ASC for reading. Raises ConfigError."""
     date = ""  # where the times begin; of the measurement, where no block states it
     for number, line, _ in lines_in(path):
         if found := _BEGIN.match(line):
@@ -135,14 +135,14 @@ def open_asc(path: Path) -> BusLog:
 
 
 class _Lines(LogLines):
-    """Reader of the lines of an ASC file, of which the header says how numbers and timestamps are written."""
+    """Parser of the lines of an ASC file; the file's header defines number base and kind of timestamps."""
 
     def __init__(self, account: Account) -> None:
         super().__init__(account)
         self._base, self._is_relative, self._now_us = 16, False, 0
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None: it is known to be none."""
+        """Return bus name and fields of the frame in a line; None if the line is known not to be a frame."""
         words = line.split()
         if not words:
             return None
@@ -158,7 +158,7 @@ class _Lines(LogLines):
         return self._stamped(number, words[1:])
 
     def _stamped(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return the frame of a line with a timestamp, from the word after it on. Raises as `frame_in`."""
+        """Return the frame of a line with a timestamp, from the words after it. Raises as `frame_in`."""
         has_bus = words[0].isdecimal()
         kind = (words[1] if has_bus and words[1].lower() == _TRANSPORT else words[0]).lower()
         if _MARKER in words:
@@ -176,7 +176,7 @@ class _Lines(LogLines):
         raise NotUnderstoodError
 
     def _classic(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return the frame of a line: identifier, direction, d or r, data length code, bytes."""
+        """Return the classic CAN frame of a line: identifier, direction, d or r, data length code, bytes."""
         kind = words[0].lower()
         if kind == "errorframe":
             return bus, self._error()
@@ -197,9 +197,9 @@ class _Lines(LogLines):
         return bus, self._fields(identifier, length, is_sent, self._bytes(words[4 : 4 + length]))
 
     def _fd(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return the frame of a CANFD line.
+        """Return the frame of a CANFD line, which may also be a classic one, as its flags tell.
 
-        It has the direction, identifier, perhaps the message's name, BRS, ESI, data length code, length, bytes;
+        The line has direction, identifier, perhaps the message's name, BRS, ESI, data length code, length, bytes;
         then duration, length in bits and flags, which say whether it is a CAN FD frame at all.
         """
         if words[1].lower() == "errorframe":
@@ -223,7 +223,7 @@ class _Lines(LogLines):
         return bus, self._fields(identifier, length, is_sent, data)
 
     def _is_identifier(self, number: int, words: Sequence[str]) -> bool:
-        """Whether the first word is an identifier; else it is a message's name, which the account is told."""
+        """Whether the first word is an identifier; else it is a message's name, counted in the account."""
         if _IDENTIFIER[self._base].fullmatch(words[0]):
             return True
         if not re.fullmatch(r"[^\W\d]\w*", words[0]):
@@ -232,7 +232,7 @@ class _Lines(LogLines):
         return False
 
     def _is_request(self, number: int, way: str) -> bool:
-        """Whether the direction is TxRq, which the account is told."""
+        """Whether the direction is TxRq, a transmit request; the account counts such lines."""
         if way.lower() != "txrq":
             return False
         self._account.leave_out("TxRq line", REQUEST, f"line {number}")

@@ -1,4 +1,4 @@
-"""Bus logs in Vector's BLF format: every object is a frame, known to be none, or left out and counted.
+"""Bus logs in Vector's BLF format: each object is a frame, known not to be one, or left out and counted.
 
 Types and layouts of the objects are those of Tobias Lorenz' library vector_blf.
 """
@@ -40,29 +40,29 @@ _WALL_US = 631_152_000_000_000  # 1990: python-can takes an earlier start as non
 
 
 class BlfWriter(MessageWriter):
-    """Writer of BLF by python-can, whose header has the start of the run in local time, as CANoe writes it."""
+    """Writer of BLF bus logs by python-can; the header has the run's start in local time, as of CANoe."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         super().__init__(stream, content, _writer(stream))
 
     @property
     def written(self) -> int:
-        """Bytes written so far, and a container that may still be in memory."""
+        """Number of bytes written so far, including a container that is still in memory."""
         return self._stream.tell() + _CONTAINER_BYTES
 
     def begin(self, epoch_ns: int) -> None:
-        """Set the wall clock at the start of the run [ns since 1970]; the header holds whole milliseconds."""
+        """Set the wall clock at the run's start [ns since 1970]; the header holds whole milliseconds."""
         super().begin(epoch_ns)
         self._writer.start_timestamp = epoch_ns // 1_000_000 / 1e3
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s]: a global marker."""
+        """Write an operator's mark at a time [s] as a global marker."""
         plain = text.encode("ascii", "replace").decode()  # python-can encodes it so where it is not Windows
         self._writer.log_event(plain, time_s + self._epoch_ns * 1e-9)
 
 
 def _writer(stream: BinaryIO) -> Any:
-    """Return python-can's writer of BLF, which writes UTC into the header, with local time there."""
+    """Return python-can's BLF writer, changed to write local time instead of UTC into the header."""
     from liftgate_hil.config.can_libraries import can
 
     class Writer(can.BLFWriter):
@@ -124,7 +124,7 @@ _KINDS = {
 
 
 def open_blf(path: Path) -> BusLog:
-    """Open a log in BLF. Raises ConfigError."""
+    """Open a bus log in BLF for reading. Raises ConfigError."""
     with as_config_errors(path), path.open("rb") as stream:
         head = stream.read(_FILE.size)
         if not head.startswith(b"LOGG"):
@@ -137,7 +137,7 @@ def open_blf(path: Path) -> BusLog:
 
 
 def _parts(path: Path, begin: int, account: Account) -> Iterator[Part]:
-    """Yield the frames in a log whose objects begin at a byte, bus by bus."""
+    """Yield the frames of a log, bus by bus; its objects begin at a given byte."""
     log = _Objects(account)
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as file:
         objects, rest = _objects_in(file, begin)
@@ -155,7 +155,7 @@ def _parts(path: Path, begin: int, account: Account) -> Iterator[Part]:
 
 
 def _objects_in(text: Any, at: int) -> tuple[list[tuple[int, int, int, int]], int]:
-    """Return begin, header's size, type, end of each whole object, and the rest's begin. Raises ValueError."""
+    """Return begin, header size, type, end of each whole object, and the rest's begin. Raises ValueError."""
     found: list[tuple[int, int, int, int]] = []
     while True:
         begin = text.find(b"LOBJ", at, at + _NEAR + 4)
@@ -175,7 +175,7 @@ def _objects_in(text: Any, at: int) -> tuple[list[tuple[int, int, int, int]], in
 
 
 def _unpacked(body: bytes, account: Account) -> bytes:
-    """Return the content of a container, as far as it can be unpacked."""
+    """Return the decompressed content of a container, as far as it is intact."""
     (method,) = _CONTAINER.unpack_from(body)
     packed = body[_CONTAINER.size :]
     if method == _NOT_COMPRESSED:
@@ -187,7 +187,7 @@ def _unpacked(body: bytes, account: Account) -> bytes:
 
 
 def _rest_of(text: bytes, account: Account) -> bytes:
-    """Return what a truncated object at the end of a file holds: the beginning of a container, or nothing."""
+    """Return the readable content of a truncated object at a file's end: a container's begin, or nothing."""
     if len(text) >= _BASE.size + _CONTAINER.size:
         _, header_size, _, _, kind = _BASE.unpack_from(text)
         if kind == _IS_CONTAINER:
@@ -198,14 +198,14 @@ def _rest_of(text: bytes, account: Account) -> bytes:
 
 
 class _Objects:
-    """Reader of objects, which may begin in one container and end in the next."""
+    """Parser of objects, which may begin in one container and end in the next."""
 
     def __init__(self, account: Account) -> None:
         self._account, self._rest, self._count = account, b"", 0
         self.frames, self.is_full = Sorter(), False
 
     def read(self, text: bytes, is_apart: bool = False) -> None:
-        """Read the objects in a container, or one that is apart; what is not whole waits for the next one."""
+        """Read the objects in a container, or one outside; an incomplete object waits for the next container."""
         self.is_full = False
         text = text if is_apart else self._rest + text
         objects, rest = _objects_in(text, 0)
@@ -216,12 +216,12 @@ class _Objects:
             self._rest = text[rest:]
 
     def end(self) -> None:
-        """Count an object that has not come whole."""
+        """Count an object that is still incomplete at the end of the file."""
         if self._rest.strip(b"\0"):
             self._account.leave_out("object", "truncated, the last one", f"object {self._count + 1}")
 
     def _object(self, text: bytes, header_size: int, kind: int) -> None:
-        """Add the frame in an object to the others, or tell the account what it is."""
+        """Add the frame in an object to the collected ones, or count the object in the account."""
         if kind in _SILENT:
             return
         if kind in _KINDS:

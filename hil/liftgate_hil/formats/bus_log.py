@@ -1,4 +1,4 @@
-"""Bus logs of any program, also in lines of text: frames of one bus, or of several of which one is chosen."""
+"""Bus logs of any program: base of the readers, with lines of text, frames and selection of one bus."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Parts = Callable[[Account], Iterator[Part]]
 
 @dataclass(frozen=True, kw_only=True)
 class BusLog(Recording):
-    """Bus log: reads all frames in its file, and yields those of one bus."""
+    """Reader of a bus log: it parses all frames in the file, and yields those of one bus."""
 
     parts: Parts  # reads the file from its beginning; times count from `start_ns`
     only: str | None = None  # the bus that was chosen
@@ -39,7 +39,7 @@ class BusLog(Recording):
     stated: datetime | None = None
 
     def frames(self) -> Iterator[NDArray[np.void]]:
-        """Yield the frames (n,) LOGGED of the log's bus, one block at a time.
+        """Yield the frames (n,) LOGGED of the log's own bus, one block at a time.
 
         Raises ConfigError if there are several buses and none was chosen.
         """
@@ -56,12 +56,12 @@ class BusLog(Recording):
                     self.account.leave_out("frame", why, bus, len(frames))
 
     def buses(self) -> list[str]:
-        """Return the names of all buses in the file, in the order in which they occur."""
+        """Return the names of all buses in the file, in the order of their first frames."""
         with as_config_errors(self.path):
             return list(dict.fromkeys(bus for bus, frames in self.parts(Account()) if len(frames)))
 
     def on_bus(self, name: str) -> BusLog:
-        """Return the log with the frames of this bus only. Raises ConfigError if it holds none."""
+        """Return the log restricted to the frames of this bus. Raises ConfigError if it has none."""
         if self.channel is None:
             return self
         buses = self.buses()
@@ -70,7 +70,7 @@ class BusLog(Recording):
         return self.changed(channel=name, only=name)
 
     def in_zone(self, zone: tzinfo) -> BusLog:
-        """Return the log with the local time in its header read as that of a zone."""
+        """Return the log with the local time in its header interpreted in a time zone."""
         return self if self.stated is None else self.changed(start_ns=epoch_us(self.stated, zone) * 1000)
 
     def _check_times(self, frames: NDArray[np.void]) -> None:
@@ -81,15 +81,15 @@ class BusLog(Recording):
 
 
 def several_buses(path: Path, buses: Sequence[str]) -> ConfigError:
-    """Return the error of a file with frames of several buses, where one has to be chosen."""
+    """Return the ConfigError for a file with frames of several buses, of which one has to be chosen."""
     names = f"{', '.join(buses[:-1])} and {buses[-1]}"
     return ConfigError(f"{path}: frames of {len(buses)} buses, {names}; allowed: one, by `recording_channel`")
 
 
 def log_of(path: Path, parts: Parts, start_ns: int = 0, **more: Any) -> BusLog:
-    """Return the log in a file, whose bus is that of its first frame. Raises ConfigError.
+    """Return the bus log in a file; its bus is that of the first frame. Raises ConfigError.
 
-    If it holds no frame at all, its account tells what it holds. `more` are further fields of the log.
+    If the file has no frame at all, the log's account tells what it holds. `more` are further fields of the log.
     """
     account = Account()
     with as_config_errors(path):
@@ -101,27 +101,27 @@ def log_of(path: Path, parts: Parts, start_ns: int = 0, **more: Any) -> BusLog:
 
 
 class Sorter:
-    """Collector of frames that are read one by one: gives them bus by bus, in parts of some thousand."""
+    """Collector that sorts single frames by bus, and returns them in blocks of some thousand."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[Fields]] = {}
         self._count = 0
 
     def add(self, bus: str, fields: Fields) -> bool:
-        """Add a frame of a bus; return whether there are enough for a part."""
+        """Add a frame of a bus; return whether enough for a block are collected."""
         self._rows.setdefault(bus, []).append(fields)
         self._count += 1
         return self._count >= _BLOCK
 
     def take(self) -> Iterator[Part]:
-        """Yield the frames collected so far, and forget them."""
+        """Yield the frames collected so far, bus by bus, and forget them."""
         rows, self._rows, self._count = self._rows, {}, 0
         for bus, fields in rows.items():
             yield bus, frames_of(fields)
 
 
 def frames_of(fields: Sequence[Fields]) -> NDArray[np.void]:
-    """Return frames (n,) LOGGED."""
+    """Return frames, given as tuples of fields, as an array (n,) LOGGED."""
     rows = np.zeros(len(fields), dtype=LOGGED)
     for field, values in zip(
         ("time_ns", "identifier", "length", "is_sent"), zip(*fields, strict=True), strict=False
@@ -133,19 +133,19 @@ def frames_of(fields: Sequence[Fields]) -> NDArray[np.void]:
 
 
 def bus_of(number: int) -> str:
-    """Return the name of a bus by its number in a format that counts from 1."""
+    """Return the name of the bus with this number in a format that counts buses from 1."""
     return f"can{number - 1}" if number else "channel 0"
 
 
 def is_length(length: int, identifier: int) -> bool:
-    """Whether a frame of this kind can have a payload, or ask for one, of this length [bytes]."""
+    """Whether a frame with this identifier can have a payload, or request one, of this length [bytes]."""
     if identifier & FD and not identifier & (REMOTE | ERROR):
         return length in LENGTHS
     return 0 <= length <= _CLASSIC_BYTES
 
 
 def length_of_code(code: int, is_fd: bool) -> int:
-    """Return the length [bytes] that a data length code stands for: above 8, classic frames have 8 bytes."""
+    """Return the payload length [bytes] of a data length code; above 8, classic frames have 8 bytes."""
     return LENGTHS[code] if is_fd else min(code, _CLASSIC_BYTES)
 
 
@@ -157,7 +157,7 @@ _LONGEST = 1 << 20  # bytes of a line
 
 
 class TextBlock(NamedTuple):
-    """Some lines of a text."""
+    """Block of consecutive lines of a text file."""
 
     line: int  # number of the first one, from 1
     text: bytes
@@ -165,7 +165,7 @@ class TextBlock(NamedTuple):
 
 
 def text_blocks(path: Path) -> Iterator[TextBlock]:
-    """Yield the whole lines of a text, block by block, then a last line without a newline. Raises ConfigError."""
+    """Yield the whole lines of a text file in blocks, then a last line without a newline. Raises ConfigError."""
     line, rest, size = 1, b"", _FIRST_BYTES
     with path.open("rb") as stream:
         while text := stream.read(size):
@@ -183,37 +183,37 @@ def text_blocks(path: Path) -> Iterator[TextBlock]:
 
 
 def lines_in(path: Path) -> Iterator[tuple[int, str, bool]]:
-    """Yield the lines of a text with their numbers, and whether each ends with a newline. Raises ConfigError."""
+    """Yield a text file's lines with their numbers, and whether each ends with a newline. Raises ConfigError."""
     for block in text_blocks(path):
         for number, line in enumerate(block.text.removesuffix(b"\n").split(b"\n"), block.line):
             yield number, line.decode("utf-8", "replace"), block.is_whole
 
 
 def checked_identifier(number: int, is_extended: bool) -> int:
-    """Return an identifier with the flag of its format. Raises ValueError if it has too many bits."""
+    """Return an identifier with the flag of its frame format. Raises ValueError if it has too many bits."""
     if number >= 1 << (29 if is_extended else 11):
         raise ValueError(f"identifier 0x{number:X}")
     return number | (EXTENDED if is_extended else 0)
 
 
 class NotUnderstoodError(Exception):
-    """A line that is neither a frame nor known to be none."""
+    """Error for a line of a bus log that is neither a frame nor known not to be one."""
 
 
 class LogLines:
-    """Base class of the readers of lines: a format says by `frame_in` which frame a line is."""
+    """Base class of the parsers of text bus logs; a format's `frame_in` parses one line."""
 
     def __init__(self, account: Account) -> None:
         self._account = account
 
     def checked(self, time_ns: int, identifier: int, length: int, is_sent: bool, data: bytes) -> Fields:
-        """Return the fields of a frame. Raises NotUnderstoodError if the line has other bytes than it says."""
+        """Return the fields of a frame. Raises NotUnderstoodError if data and length disagree."""
         if not is_length(length, identifier) or (not identifier & REMOTE and len(data) != length):
             raise NotUnderstoodError
         return time_ns, identifier, length, is_sent, data
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None: it is known to be none.
+        """Return bus name and fields of the frame in a line; None if the line is known not to be a frame.
 
         Raises NotUnderstoodError, ValueError, LookupError, OverflowError for a line that no form of the format
         covers.
@@ -221,7 +221,7 @@ class LogLines:
         raise NotImplementedError
 
     def parts(self, path: Path) -> Iterator[Part]:
-        """Yield the frames in a log, bus by bus; the account is told of lines that are left out."""
+        """Yield the frames in a log, bus by bus; the account counts the lines left out."""
         frames = Sorter()
         for number, line, is_whole in lines_in(path):
             try:

@@ -1,4 +1,4 @@
-"""Bus logs in candump's text format (`candump -L -x`), one line per frame: R: received by the gate, T: sent."""
+"""Bus logs in candump's text format (`candump -L -x`), a frame per line; R: received by the gate, T: sent."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _WIDTH = 2 * MAX_BYTES
 
 
 def candump_lines(epoch_ns: int, channel: str, frames: Any) -> str:
-    """Return frames (n,) LOGGED in the log format of can-utils, one line each."""
+    """Return frames (n,) LOGGED as text in the log format of can-utils, one line each."""
     text = frames["payload"].tobytes().hex().upper()
     stamps = (frames["time_ns"] + epoch_ns + 500) // 1000  # µs
     fields = zip(
@@ -124,7 +124,7 @@ for _digit, _value in zip(b"0123456789abcdefABCDEF", [*range(16), *range(10, 16)
 
 
 def open_candump(path: Path) -> BusLog:
-    """Open a log of candump. Raises ConfigError."""
+    """Open a bus log in candump's format for reading. Raises ConfigError."""
     with as_config_errors(path):
         first = next((frames[0] for _, frames in _parts(path, 0, Account()) if len(frames)), None)
     first_us = 0 if first is None else int(first["time_ns"]) // 1000
@@ -134,7 +134,7 @@ def open_candump(path: Path) -> BusLog:
 
 
 def _parts(path: Path, start_us: int, account: Account) -> Iterator[Part]:
-    """Yield the frames in a log, bus by bus; times count from `start_us`. Raises ConfigError."""
+    """Yield the frames of a log, bus by bus; times count from `start_us`. Raises ConfigError."""
     log = _Lines(start_us, account)
     for block in text_blocks(path):
         if block.line == 1:
@@ -147,7 +147,7 @@ def _parts(path: Path, start_us: int, account: Account) -> Iterator[Part]:
 
 
 def _at_once(found: Sequence[tuple[bytes, ...]], start_us: int) -> list[Part] | None:
-    """Return the frames of lines in the usual form; None if one has an unusual time, length or identifier."""
+    """Return the frames of many usual lines, parsed together; None if one has an unusual field."""
     stamps, buses, names, fd, payloads, ways = zip(*found, strict=True)
     rows = np.zeros(len(found), dtype=LOGGED)
     # A float of seconds since 1970 is precise to less than a microsecond.
@@ -183,7 +183,7 @@ def _at_once(found: Sequence[tuple[bytes, ...]], start_us: int) -> list[Part] | 
 
 
 class _Lines:
-    """Reader of lines in any form that candump, or who writes like it, has."""
+    """Parser of single lines in any form that candump, or a program with the same format, writes."""
 
     def __init__(self, start_us: int, account: Account) -> None:
         self._start_us, self._account = start_us, account
@@ -191,7 +191,7 @@ class _Lines:
         self._has_way = False  # whether a line has said the direction
 
     def saw(self, text: bytes, parts: Sequence[Part]) -> None:
-        """Take note of a block of lines that was read at once."""
+        """Remember lengths and form of a block of lines that `_at_once` has parsed."""
         last = text.rstrip(b"\n").rpartition(b"\n")[2]
         self._has_way |= _HAS_WAY.search(last.decode("utf-8", "replace")) is not None
         for _, frames in parts:
@@ -199,7 +199,7 @@ class _Lines:
             self._lengths |= dict(zip(tail["identifier"].tolist(), tail["length"].tolist(), strict=True))
 
     def parts(self, block: TextBlock) -> Iterator[Part]:
-        """Yield the frames in a block of lines, bus by bus; the account gets the other lines."""
+        """Yield the frames in a block of lines, bus by bus; the account counts the other lines."""
         frames = Sorter()
         for number, line in enumerate(block.text.removesuffix(b"\n").split(b"\n"), block.line):
             text = line.decode("utf-8", "replace").strip()
@@ -219,13 +219,13 @@ class _Lines:
         yield from frames.take()
 
     def _is_complete(self, text: str, fields: Fields) -> bool:
-        """Whether a last line without a newline is whole: it has its direction, or the usual length."""
+        """Whether a last line without a newline is complete: it has its direction, or the usual length."""
         if _HAS_WAY.search(text):
             return True
         return not self._has_way and self._lengths.get(fields[1]) == fields[2]
 
     def _read(self, text: str) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None if it has no form that is known."""
+        """Return bus name and fields of the frame in a line; None if the line matches no known form."""
         stamped = _STAMPED.fullmatch(text)
         frame = stamped and _FRAME.fullmatch(stamped["rest"])
         if not stamped or not frame:
@@ -249,7 +249,7 @@ class _Lines:
 
 
 def _identifier(name: str) -> int | None:
-    """Return the identifier of hexadecimal digits (linux/can/error.h, too), with flags; None: no such frame."""
+    """Return the identifier of hexadecimal digits, with flags (error frames included); None if it is invalid."""
     number = int(name, 16)
     if number & ERROR and number < EXTENDED:
         return number & 0x3FFFFFFF
@@ -259,12 +259,12 @@ def _identifier(name: str) -> int | None:
 
 
 def _fd_flags(mark: str) -> int:
-    """Return the flags of a CAN FD frame of which the mark #F tells those of struct canfd_frame."""
+    """Return our flags for the mark #F of a CAN FD frame, which holds the flags of struct canfd_frame."""
     return with_canfd_flags(0, int(mark[1:], 16))
 
 
 def _microseconds(stamp: str) -> int | None:
-    """Return a timestamp [µs], in seconds or as a local date; None if there is no such time."""
+    """Return a timestamp, given in seconds or as a local date [µs]; None if it is not a valid time."""
     try:
         if " " in stamp:
             return round(datetime.fromisoformat(stamp).timestamp() * 1e6)
@@ -275,7 +275,7 @@ def _microseconds(stamp: str) -> int | None:
 
 
 def _check_form(path: Path, text: bytes) -> None:
-    """Raise ConfigError if a log begins like one of another kind, or its times are distances."""
+    """Raise ConfigError if a log is candump's terminal output, or its times are differences."""
     first = text.partition(b"\n")[0].decode("utf-8", "replace")
     if _TERMINAL.match(first):
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Content of a recording, and batches of rows or frames that are written together."""
+"""Content of a recording to be written, and batches of rows or frames that are written together."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def no_remark() -> str:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a recording to be written, as far as its format can hold it."""
+    """Content of a recording to be written: columns, bus name, remark, provenance; a format holds what it can."""
 
     columns: Sequence[str]  # columns of the row to record, the time first
     channel: str = "can0"  # name of the frames' bus
@@ -42,14 +42,14 @@ class Content:
     faults: Mapping[str, int] = field(default_factory=dict)  # of columns of faults: bits in `faults_in_force`
 
     def with_faults(self, faults: Mapping[str, int]) -> Content:
-        """Return the content with columns of faults, which stand behind those of a row."""
+        """Return the content with a column for each of these faults, behind the columns of a row."""
         if not faults:
             return self
         row = {**self.row, **dict.fromkeys(faults, FAULT_IN_FORCE)}
         return replace(self, columns=[*self.columns, *faults], row=row, faults=faults)
 
     def whole(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return rows (n, ROW_WIDTH) with the columns of faults behind them."""
+        """Return rows (n, ROW_WIDTH) extended by the columns of faults."""
         if not self.faults:
             return rows
         bits = rows[:, COLUMN_PLACE[InForce._fields[0]]].astype(np.int64)
@@ -63,18 +63,18 @@ class Content:
         return [order[name] for name in self.columns]
 
     def unit_of(self, name: str) -> str:
-        """Return a column's unit: for our columns as in their names (degps), for others as it is."""
+        """Return a column's unit: of our columns as in their names (degps), of others unchanged."""
         signal = self.row[name]
         return signal.suffix.removeprefix("_") if signal == COLUMNS.get(name) else signal.unit
 
     @cached_property
     def time_place(self) -> int:
-        """Index of the time in a row."""
+        """Index of the time column in a row."""
         return list(self.row).index("time_s")
 
     @property
     def bus_number(self) -> int:
-        """Bus number for formats without bus names: the one at the end of the name (can1, 1), else 0."""
+        """Bus number for formats without bus names: the digits at the name's end (can1: 1), else 0."""
         # The end of an IP address, as of a multicast group, numbers nothing.
         is_address = self.channel.count(".") == 3 or self.channel.count(":") > 1
         number = None if is_address else re.search(r"\d+$", self.channel)
@@ -82,7 +82,7 @@ class Content:
 
 
 def lines_about(about: str) -> list[str]:
-    """Return the provenance of a run as lines for comments, without the text of the files and the vehicle."""
+    """Return a run's provenance as lines for comments, without the contents of its files and vehicle."""
     if not about:
         return []
     origin = json.loads(about)
@@ -104,7 +104,7 @@ def _ecu_in_words(ecu: Mapping[str, object]) -> str:
 
 
 class RowBatch:
-    """Blocks that are collected and written together: columnar formats need many rows at a time."""
+    """Collector of blocks of rows or frames that are written together, as columnar formats need many rows."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -113,16 +113,16 @@ class RowBatch:
 
     @property
     def nbytes(self) -> int:
-        """Size of all blocks that are kept [bytes]."""
+        """Size of all collected blocks [bytes]."""
         return sum(block.nbytes for block in self._blocks)
 
     def add(self, block: NDArray[Any]) -> NDArray[Any] | None:
-        """Keep a copy of this block; return all blocks joined once they reach the size of a batch, else None."""
+        """Collect a copy of a block; return all blocks joined once they reach the size of a batch, else None."""
         self._blocks.append(block.copy())
         self._count += len(block)
         return self.take() if self._count >= self._size else None
 
     def take(self) -> NDArray[Any] | None:
-        """Return all blocks joined, and forget them; None if there are none."""
+        """Return all collected blocks joined, and forget them; None if there are none."""
         blocks, self._blocks, self._count = self._blocks, [], 0
         return np.concatenate(blocks) if blocks else None

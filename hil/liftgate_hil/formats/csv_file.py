@@ -1,4 +1,4 @@
-"""CSV files as they are read: a header, then rows of numbers, each exact to the last bit.
+"""Reader of CSV files: a header, then rows of numbers, each exact to the last bit.
 
 Files of other tools may have semicolons or tabs, and empty cells (NaN).
 """
@@ -55,7 +55,7 @@ _BLOCK = 1 << 22  # bytes that are parsed at a time, so that an interrupt does n
 
 @dataclass(frozen=True, kw_only=True)
 class CsvFile(Recording):
-    """CSV file: a table of any program, or strictly a recording, whose values may be nan and inf."""
+    """Reader of a CSV file: a table of any program, or a recording, whose values may be nan and inf."""
 
     delimiter: bytes
     head: int  # length of the header [bytes]
@@ -66,7 +66,7 @@ class CsvFile(Recording):
     is_strict: bool = False
 
     def as_recording(self) -> CsvFile:
-        """Return it as a recording: the time first, the last line whole. Raises ConfigError if it is none."""
+        """Return the file as a recording: time first, last line complete. Raises ConfigError if it is none."""
         check_time_first(self.path, self.names)
         units = {name: headed_unit(name) for name in self.names} | dict(self.units)
         signals = {name: column_signal(name, units[name]) for name in self.names if name and name != START_COLUMN}
@@ -90,11 +90,11 @@ class CsvFile(Recording):
         return replace(found, start_ns=round(start * 1e6) * 1000 if 0.0 < start < _LATEST_START else 0)
 
     def in_zone(self, zone: tzinfo) -> CsvFile:
-        """Return the table with local times in its cells read as those of a zone."""
+        """Return the table with local times in its cells interpreted in a time zone."""
         return self.changed(starts=_starts_of(self.moments, zone))
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time; an empty cell is NaN."""
+        """Yield rows (n, len(wanted)) of the wanted columns, one block at a time; an empty cell is NaN."""
         order = {name: place for place, name in enumerate(self.names)}
         dates = [(column, name) for column, name in enumerate(wanted) if name in self.moments]
         plain = [column for column, name in enumerate(wanted) if name not in self.moments]
@@ -115,7 +115,7 @@ class CsvFile(Recording):
             number += len(table)
 
     def _moments(self, rows: list[list[str]], name: str, number: int, before: dict[str, float]) -> Floats:
-        """Return a column of dates (n,) [s] from the file's first one on. Raises ConfigError."""
+        """Return a column of dates (n,) as times [s] since the file's first date. Raises ConfigError."""
         place = list(self.names).index(name)
         short = next((row for row, cells in enumerate(rows) if len(cells) <= place), None)
         if short is not None:
@@ -133,7 +133,7 @@ class CsvFile(Recording):
         return found
 
     def _lines(self) -> Iterator[bytes]:
-        """Yield the lines below the header, some MB at a time; each block ends with the end of a line."""
+        """Yield the lines below the header, some MB at a time; each block ends at the end of a line."""
         with as_config_errors(self.path), _text_of(self.path) as stream:
             at, rest = stream.seek(self.head), b""
             while block := stream.read(_BLOCK):
@@ -149,12 +149,12 @@ class CsvFile(Recording):
                 yield text
 
     def _checked(self, text: bytes, at: int) -> bytes:
-        """Return a part of the file that begins at byte `at`, as UTF-8. Raises ConfigError if it is no text."""
+        """Return a block of the file that begins at byte `at`, as UTF-8. Raises ConfigError if it is no text."""
         is_plain = text.isascii() and b"\0" not in text
         return text if is_plain else decoded(self.path, text, at, self.encoding).encode()
 
     def _table(self, text: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return these columns (n, len(places)) of text, whose first row has this number. Raises ConfigError."""
+        """Return columns (n, len(places)) of lines of text; the first row has this number. Raises ConfigError."""
         text = written = text.strip(b"\n")
         if self.has_commas:
             text = text.translate(_AS_POINTS)
@@ -167,7 +167,7 @@ class CsvFile(Recording):
         return table
 
     def _at_once(self, text: bytes, places: Sequence[int]) -> Floats | None:
-        """Return the columns by parsing many cells at a time; None if that is not possible."""
+        """Return the columns by parsing rows of numbers in one pass; None if that is not possible."""
         is_plain = self.delimiter == b"," or b"," not in text
         if not is_plain or b'"' in text or b"\n\n" in text:
             return None
@@ -175,7 +175,7 @@ class CsvFile(Recording):
         return self._cells(text, places) if table is None else table
 
     def _account_for_integers(self, text: bytes, table: Floats, places: Sequence[int]) -> None:
-        """Tell the account of the integers in large cells, which may have more digits than a float holds."""
+        """Count in the account the integers with more digits than a float holds."""
         rows = self._rows_of(text)
         for column, place in enumerate(places):
             large = np.flatnonzero(np.abs(table[:, column]) >= _LARGE)
@@ -184,7 +184,7 @@ class CsvFile(Recording):
             self.rows_account.floats_of(self.names[place], integers)
 
     def _whole(self, text: bytes, places: Sequence[int]) -> Floats | None:
-        """Return the columns by parsing all cells as JSON; None if that is not possible."""
+        """Return the columns by parsing all cells of the rows as JSON; None if that is not possible."""
         text = text.replace(self.delimiter, b",")
         if text.translate(None, _DIGITS):
             return None
@@ -198,7 +198,7 @@ class CsvFile(Recording):
         return table[:, places]
 
     def _cells(self, text: bytes, places: Sequence[int]) -> Floats | None:
-        """Return the columns by parsing their cells only; None if a row is malformed, or a cell is no number."""
+        """Return the columns by parsing only their cells; None if a row is malformed or a cell not numeric."""
         letters = np.frombuffer(text, dtype=np.uint8)
         ends = np.append(np.flatnonzero(letters == ord("\n")), len(text))
         begins = np.append(0, ends[:-1] + 1)
@@ -230,7 +230,7 @@ class CsvFile(Recording):
         return values.reshape(len(ends), len(places))
 
     def _by_cell(self, text: bytes, written: bytes, number: int, places: Sequence[int]) -> Floats:
-        """Return the columns cell by cell, so that ConfigError names row and cell as `written` in the file."""
+        """Return the columns cell by cell, so that ConfigError quotes row and cell as `written` in the file."""
         rows = self._rows_of(text)
         width = len(self.names)
         for row, cells in enumerate(rows):
@@ -264,7 +264,7 @@ class CsvFile(Recording):
             raise ConfigError(f"{self.path}: cannot be read: {error}") from error
 
     def _number(self, cell: str) -> float | None:
-        """Return a cell's value, NaN for an empty one; None if it is not allowed."""
+        """Return the number in a cell, NaN for an empty cell; None if the cell is not allowed."""
         if not cell:
             return math.nan
         if self.is_strict and cell in NOT_FINITE:
@@ -274,7 +274,7 @@ class CsvFile(Recording):
 
 
 def open_csv(path: Path) -> CsvFile:
-    """Open a CSV file: its header and rows. Raises ConfigError if it cannot be read."""
+    """Open a CSV file for reading: its header and rows. Raises ConfigError if it cannot be read."""
     with as_config_errors(path), _text_of(path) as stream:
         head = stream.read(_LONGEST)
         size = stream.seek(0, os.SEEK_END)
@@ -304,7 +304,7 @@ def open_csv(path: Path) -> CsvFile:
 
 
 def _text_of(path: Path) -> BinaryIO:
-    """Open a text; one in UTF-16 is read as UTF-8. Raises ConfigError, OSError."""
+    """Open a text file as bytes, UTF-16 converted to UTF-8. Raises ConfigError, OSError."""
     stream = path.open("rb")
     mark = stream.read(2)
     stream.seek(0)
@@ -321,12 +321,12 @@ def _text_of(path: Path) -> BinaryIO:
 
 
 def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, int]:
-    """Return the wall clock at the first moment of each column [ns since 1970]."""
+    """Return the wall clock at the first date of each column of dates [ns since 1970]."""
     return {name: stamp.epoch_ns(zone) for name, stamp in moments.items()}
 
 
 def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
-    """Return why a cell is refused, the first of those in rows `bad` of a block that begins at row `number`."""
+    """Return as text why the first cell of the rows `bad` is refused, in a block that begins at row `number`."""
     try:
         text = "a finite number" if not math.isfinite(float(cell)) else "a number"
         shown = cell

@@ -1,4 +1,4 @@
-"""Header and cells of a CSV file: the columns' names and units, and how its rows are written.
+"""Header of a CSV file: names and units of columns, delimiter, encoding, and how the cells are written.
 
 Files of other tools may begin with the delimiter (`sep=;`, for Excel) or with comments, have a row of units below
 the header, or no header at all. A header that is not UTF-8 is read as Windows-1252, as Excel writes it, and so are
@@ -40,7 +40,7 @@ _COMMA, _POINT = re.compile(rb"[+-]?\d*,\d+([eE][+-]?\d+)?"), re.compile(rb"[+-]
 
 
 class Header(NamedTuple):
-    """Header of a CSV file: its columns, where the rows begin, and how they are written."""
+    """Header of a CSV file: columns, begin of the rows, delimiter, encoding and decimal sign."""
 
     names: list[str]  # of the columns; where a row of units follows, with the unit in brackets
     delimiter: str
@@ -51,7 +51,7 @@ class Header(NamedTuple):
 
 
 def header_of(path: Path, text: bytes) -> Header:
-    """Return the header of a file that begins with `text`, whole lines of it. Raises ConfigError."""
+    """Return the header of a CSV file that begins with `text`, complete lines. Raises ConfigError."""
     begin = len(codecs.BOM_UTF8) if text.startswith(codecs.BOM_UTF8) else 0
     line, end = _next_line(text, begin)
     separator = _SEPARATOR.fullmatch(line)
@@ -105,7 +105,7 @@ def header_of(path: Path, text: bytes) -> Header:
 
 
 def decoded(path: Path, text: bytes, at: int, encoding: str) -> str:
-    """Return a part of a file that begins at byte `at` as text. Raises ConfigError if it is none."""
+    """Return as text a block of a file that begins at byte `at`. Raises ConfigError if it is not text."""
     if b"\0" in text:
         raise ConfigError(f"{path}: cannot be read: binary; allowed: a CSV text")
     try:
@@ -115,14 +115,14 @@ def decoded(path: Path, text: bytes, at: int, encoding: str) -> str:
 
 
 def without_comments(text: bytes) -> bytes:
-    """Return whole lines of a table without those that are comments."""
+    """Return lines of a table without comment lines."""
     if any(mark in text for mark in (b"#", b"%", b"//")):
         return _COMMENTS.sub(b"", text)
     return text
 
 
 def _next_line(text: bytes, begin: int) -> tuple[bytes, int]:
-    """Return the first line from `begin` on that is not blank, and where it ends."""
+    """Return the first line from `begin` on that is not blank, and the position of its end."""
     while blank := _BLANK.match(text, begin):
         begin = blank.end()
     line = _LINE_OF.match(text, begin)
@@ -131,7 +131,7 @@ def _next_line(text: bytes, begin: int) -> tuple[bytes, int]:
 
 
 def _encoding_of(line: bytes) -> str:
-    """Return the encoding of a line: Windows-1252 where it can be that, and is not UTF-8."""
+    """Return the encoding of a line: Windows-1252 if it is valid as that and not as UTF-8."""
     try:
         line.decode()
     except UnicodeDecodeError:
@@ -144,14 +144,14 @@ def _encoding_of(line: bytes) -> str:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line. Raises csv.Error."""
+    """Return a line split into its cells. Raises csv.Error."""
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
 def _units_of(below: bytes, first: bytes, delimiter: str, count: int) -> list[str]:
-    """Return the units in the line below a header of `count` columns, without brackets; []: it is none of units.
+    """Return the units, without brackets, in the line below a header of `count` columns; []: no line of units.
 
-    They are units if no cell is a number, the first one, which is usually the time, has a unit that is known, and
+    The cells are units if none is a number, the first one (usually the time) is a known unit, and
     the line after it begins with a number. A dash stands for none.
     """
     try:
@@ -170,12 +170,12 @@ def _is_value(cell: str) -> bool:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is a number, or stands for a missing one."""
+    """Whether a cell is a number, or a word for a missing one."""
     return NUMBER.fullmatch(cell.replace(",", ".")) is not None or cell.lower() in (*NOT_FINITE, *_MISSING)
 
 
 def _has_commas(text: bytes, delimiter: bytes) -> bool:
-    """Whether the numbers of a text have decimal commas: some cells are such numbers, and none has a point."""
+    """Whether a text's numbers have decimal commas: some cells are such numbers, and none has a point."""
     cells = [cell.strip(b' "') for cell in text.replace(b"\r", b"\n").replace(b"\n", delimiter).split(delimiter)]
     return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
 
@@ -193,14 +193,14 @@ _GROUPED = re.compile(rb"([+-]?[1-9]\d{0,2}\.\d{3})(?: [+-]?[1-9]\d{0,2}\.\d{3})
 
 
 def without_words(text: bytes) -> bytes:
-    """Return lines of a table with empty cells in place of words for no value."""
+    """Return lines of a table in which words for a missing value are replaced by empty cells."""
     if not _LETTERS.search(text) or not any(map(text.lower().__contains__, _NO_VALUES)):
         return text
     return _NO_VALUE.sub(b"", text)
 
 
 def first_cells(header: Header, text: bytes) -> dict[str, str]:
-    """Return the cells of the first row, by the names of their columns; none if it cannot be read."""
+    """Return the cells of a table's first row by column name; none if the row cannot be read."""
     first = next((line for line in without_comments(with_newlines(text)).split(b"\n") if line.strip()), b"")
     try:
         cells = next(csv.reader([first.decode(header.encoding)], delimiter=header.delimiter), [])
@@ -210,7 +210,7 @@ def first_cells(header: Header, text: bytes) -> dict[str, str]:
 
 
 def doubts_about(cells: Mapping[str, str], header: Header, rows: bytes) -> Iterator[str]:
-    """Yield remarks on what may be meant otherwise, in the first cells by column and in rows of a table."""
+    """Yield notes on ambiguous values (times of day, thousands), given the first cells and lines of a table."""
     for name, cell in cells.items():
         if in_minutes(cell):
             yield f"{name}: {cell.strip()} is read as hours and minutes"
@@ -220,5 +220,5 @@ def doubts_about(cells: Mapping[str, str], header: Header, rows: bytes) -> Itera
 
 
 def with_newlines(text: bytes) -> bytes:
-    """Return the text with a newline at the end of each line, and maybe a blank line between two blocks."""
+    """Return the text with a newline after every line; a blank line may come between two blocks."""
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text

@@ -1,4 +1,4 @@
-"""CSV recordings as they are written: a header, then one row of numbers per tick, each exact to the last bit.
+"""Writer of CSV recordings: a header, then one row of numbers per tick, each exact to the last bit.
 
 A recording made in real time has one more column, the start of the run: a bus log beside it has the computer's
 time.
@@ -33,7 +33,7 @@ _NAN, _INF = np.frombuffer(b"nan", np.uint8), np.frombuffer(b"inf", np.uint8)
 
 
 class Layout(NamedTuple):
-    """Text of a row: pieces that do not change, and between them the cells that do."""
+    """Layout of the lines of a block: constant pieces of text, and between them the cells that change."""
 
     glue: NDArray[np.uint8]  # all constant pieces, one after the other
     ends: NDArray[np.int64]  # (n,) where the piece before each cell ends in `glue`
@@ -44,7 +44,7 @@ class Layout(NamedTuple):
 
 @compilable
 def put_whole(out: NDArray[np.uint8], at: int, value: int) -> int:
-    """Write the digits of an integer from `at` on; return where they end."""
+    """Write the digits of an integer into a buffer from `at` on; return where they end."""
     if value < 0:
         out[at] = _MINUS
         at += 1
@@ -62,7 +62,7 @@ def put_whole(out: NDArray[np.uint8], at: int, value: int) -> int:
 
 @compilable
 def put_word(out: NDArray[np.uint8], at: int, value: float) -> int:
-    """Write a non-finite number as Python does; return where it ends."""
+    """Write nan or inf into a buffer, spelled as in Python; return where the word ends."""
     word = _INF
     if math.isnan(value):
         word = _NAN
@@ -77,9 +77,9 @@ def put_word(out: NDArray[np.uint8], at: int, value: float) -> int:
 
 @compilable
 def put_number(out: NDArray[np.uint8], at: int, digits: NDArray[np.uint8], read: int) -> tuple[int, int]:
-    """Copy the next number of the JSON text `digits`.
+    """Copy the next number of the JSON text `digits` into a buffer.
 
-    It is searched from `read` on; return where it ends in `out`, and where in `digits`.
+    The number is searched from `read` on; return where it ends in `out`, and where in `digits`.
     """
     while digits[read] in (_OPEN, _CLOSE, _COMMA):
         read += 1
@@ -94,7 +94,7 @@ def put_number(out: NDArray[np.uint8], at: int, digits: NDArray[np.uint8], read:
 def put_lines(
     layout: Layout, cells: NDArray[np.float64], digits: NDArray[np.uint8], out: NDArray[np.uint8]
 ) -> int:
-    """Write the lines of these rows (m, n) of changing cells into `out`; return their length.
+    """Write the lines of rows (m, n) of changing cells into `out`; return their length [bytes].
 
     `digits` is the JSON text of the cells that are neither integers nor equal to an earlier one: numbers in
     brackets.
@@ -130,14 +130,14 @@ def put_lines(
 
 
 def _quoted(name: str) -> str:
-    """Return a name of a header, in quotes where it has a delimiter or a quote (RFC 4180)."""
+    """Return a column's name for the header, in quotes if it has a delimiter or a quote (RFC 4180)."""
     if any(sign in name for sign in ',"\r\n;\t'):
         return '"' + name.replace('"', '""') + '"'
     return name
 
 
 class CsvText:
-    """Formatter of some columns of rows (n, m) of `row` as lines of CSV."""
+    """Formatter of some columns of rows (n, m) with the columns `row` as lines of CSV."""
 
     def __init__(self, names: Sequence[str], row: Mapping[str, Signal] = COLUMNS) -> None:
         self.head = (",".join(map(_quoted, names)) + "\n").encode()
@@ -148,7 +148,7 @@ class CsvText:
         self._put: Any = compiled(put_lines)
 
     def lines(self, rows: NDArray[np.float64]) -> bytes:
-        """Return these rows as lines of CSV."""
+        """Return rows as lines of CSV."""
         if len(rows) > _BLOCK:
             parts = range(0, len(rows), _BLOCK)
             return b"".join(self.lines(rows[first : first + _BLOCK]) for first in parts)
@@ -167,7 +167,7 @@ class CsvText:
         return self._out[:length].tobytes()
 
     def _layout(self, first: NDArray[np.float64], changes: NDArray[np.bool_], alike: NDArray[np.int64]) -> Layout:
-        """Return the layout of the lines: the first row's text without the cells that change."""
+        """Return the layout of a block's lines: the first row's text with gaps for the cells that change."""
         pieces, ends, length = [], [], 0
         for place, (value, is_whole) in enumerate(zip(first.tolist(), self._whole, strict=True)):
             if place:
@@ -190,7 +190,7 @@ class CsvText:
 
 
 def alike_columns(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return (n,) for each column of (m, n) the first one with the same text.
+    """Return (n,) for each column of cells (m, n) the index of the first column with the same text.
 
     Columns have the same text if they are equal to the bit, and both or neither hold integers.
     """
@@ -206,7 +206,7 @@ def alike_columns(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArr
 
 
 def digits_of(cells: NDArray[np.float64], whole: NDArray[np.bool_], alike: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the JSON text of these cells (m, n), an array of rows, without integers and repeated columns.
+    """Return cells (m, n) as the JSON text of an array of rows, without integers and repeated columns.
 
     `whole` (n,) tells which columns hold integers, `alike` (n,) is that of `alike_columns`.
     """
@@ -219,7 +219,7 @@ def digits_of(cells: NDArray[np.float64], whole: NDArray[np.bool_], alike: NDArr
 
 
 def _text(value: float, is_whole: bool) -> bytes:
-    """Return the text of one number."""
+    """Return the text of one number in a cell."""
     if not math.isfinite(value):
         return repr(value).encode()
     return orjson.dumps(int(value) if is_whole else value)
@@ -234,7 +234,7 @@ class CsvWriter(StreamWriter):
         self._text: CsvText | None = None
 
     def begin(self, epoch_ns: int) -> None:
-        """Write the header; if `epoch_ns` is not 0, with a column for the start of the run."""
+        """Write the header; if `epoch_ns` is not 0, with a further column for the start of the run."""
         columns, row = list(self._content.columns), dict(self._content.row)
         if epoch_ns:
             self._start = epoch_ns / 1e9
@@ -243,18 +243,18 @@ class CsvWriter(StreamWriter):
         self._write(self._text.head)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write one line per row."""
+        """Write one line of CSV per row."""
         if self._start is not None:
             rows = np.column_stack([rows, np.full(len(rows), self._start)])
         self._write(self._begun().lines(rows))
 
     def close(self) -> None:
-        """Close the file, which has at least a header."""
+        """Close the file, with a header even if no row was written."""
         self._begun()
         self._stream.close()
 
     def _begun(self) -> CsvText:
-        """Return the formatter; write the header first if `begin` was not called (no wall clock applies then)."""
+        """Return the formatter; if `begin` was not called, write the header without a start of the run first."""
         if self._text is None:
             self.begin(0)
         assert self._text is not None

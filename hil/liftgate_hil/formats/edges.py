@@ -1,4 +1,4 @@
-"""Edges of the Hall sensors as a CSV file: one line each, in order of time."""
+"""CSV file of the Hall sensors' edges: one line each, in order of time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Edge(NamedTuple):
 
 
 def edges_since(ring: EdgeRing, seen: int) -> list[Edge]:
-    """Return the edges that came after the first `seen` ones."""
+    """Return the Hall edges after the first `seen` ones."""
     return [
         Edge(time, DRIVES[drive], CHANNELS[channel], level)
         for time, drive, channel, level in edges_after(ring, seen).tolist()
@@ -36,7 +36,7 @@ _HEADER = ",".join(Edge._fields) + "\n"
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file holds edges."""
+    """Whether a file is one of Hall edges, written by this program."""
     try:
         with path.open("rb") as stream:
             return stream.readline(2 * len(_HEADER)) == _HEADER.encode()
@@ -45,7 +45,7 @@ def _is_ours(path: Path) -> bool:
 
 
 class EdgeFile:
-    """File that edges are written to, their times to the nanosecond; what is there is set aside.
+    """Writer of the file of Hall edges, with times to the nanosecond; an existing file is set aside.
 
     Raises ConfigError, also for one of the `inputs`.
     """
@@ -59,7 +59,7 @@ class EdgeFile:
         self._write(_HEADER)
 
     def write(self, edges: Any) -> None:
-        """Write edges (n,) EDGE. Raises RecordingError."""
+        """Write Hall edges (n,) EDGE. Raises RecordingError."""
         self._write(
             "".join(
                 f"{time:.9f},{DRIVES[drive]},{CHANNELS[channel]},{level}\n"
@@ -68,7 +68,7 @@ class EdgeFile:
         )
 
     def close(self) -> None:
-        """Complete the file. Raises RecordingError."""
+        """Complete and close the file. Raises RecordingError."""
         self._try(self._stream.close)
 
     def _write(self, text: str) -> None:

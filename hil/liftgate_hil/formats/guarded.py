@@ -1,4 +1,4 @@
-"""Writer of a recording whose errors are kept and reported, and do not end the run."""
+"""Writer of a recording whose errors are reported and kept instead of ending the run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Say = Callable[[str], None]
 
 
 def silent(text: str) -> None:
-    """Ignore a message: the default of `say`."""
+    """Ignore a message: the default of `say` (the callable that shows messages)."""
 
 
 class GuardedWriter:
@@ -34,13 +34,13 @@ class GuardedWriter:
 
     @property
     def files(self) -> list[str]:
-        """Paths of the files of the recording; after an error the text files instead of one that is unfinished."""
+        """Paths of the recording's files; after an error, text files in place of an unfinished file."""
         files, texts = self._parts.files, self._texts()
         return [*files[:-1], *texts] if self.failure and texts else files
 
     @property
     def written(self) -> int:
-        """Bytes written so far to the open file."""
+        """Number of bytes written so far to the open file."""
         return self._parts.written
 
     def begin(self, epoch_ns: int) -> None:
@@ -48,23 +48,23 @@ class GuardedWriter:
         self._try(self._parts.begin, epoch_ns)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows (n, ROW_WIDTH), unless an error came before."""
+        """Write rows (n, ROW_WIDTH); nothing after an error."""
         if len(rows):
             self._reach(float(rows[-1, COLUMN_PLACE["time_s"]]))
         self._try(self._parts.write_rows, rows)
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED, unless an error came before."""
+        """Write frames (n,) LOGGED; nothing after an error."""
         if len(frames):
             self._reach(1e-9 * int(frames["time_ns"][-1]))
         self._try(self._parts.write_frames, frames)
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s], unless an error came before."""
+        """Write an operator's mark at a time [s]; nothing after an error."""
         self._try(self._parts.write_mark, time_s, text)
 
     def flush(self) -> None:
-        """Flush the file, unless an error came before."""
+        """Flush the file; do nothing after an error."""
         self._try(self._parts.flush)
 
     def close(self) -> None:
@@ -75,7 +75,7 @@ class GuardedWriter:
             self.failure = self.failure or self._reported(error)
 
     def _reach(self, time_s: float) -> None:
-        """Note the time [s] of what is about to be written, unless an error came before."""
+        """Note the time [s] that the recording reaches with the next write, unless it has failed."""
         if not self.failure:
             self._time_s = max(time_s, self._time_s)
 
@@ -88,7 +88,7 @@ class GuardedWriter:
                 self._say(self.failure)
 
     def _texts(self) -> list[str]:
-        """Return the paths of text files that hold something of what the unfinished file should hold."""
+        """Return the paths of the text files that are not empty and stand in for the unfinished file."""
         return [each for each in self._parts.texts if Path(each).is_file() and Path(each).stat().st_size]
 
     def _reported(self, error: Exception) -> str:
@@ -109,5 +109,5 @@ def raise_failures(recorders: Sequence[GuardedWriter]) -> None:
 
 
 def failures_of(recorders: Sequence[GuardedWriter]) -> list[str]:
-    """Return the errors of the writers that failed."""
+    """Return the error messages of the writers that failed."""
     return [recorder.failure for recorder in recorders if recorder.failure]

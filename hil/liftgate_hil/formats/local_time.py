@@ -1,4 +1,4 @@
-"""Local time without a zone: in the headers of ASC, BLF and TRC, and in columns of dates of text tables."""
+"""Local times without a zone, as in headers of ASC, BLF and TRC and in date columns of text tables."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DAY_0 = datetime(1899, 12, 30)  # of PEAK's $STARTTIME, in days
 
 
 def epoch_us(stated: datetime, zone: tzinfo | None = None) -> int:
-    """Return a time as µs since 1970, UTC; `zone` is that of the time, None: this computer's.
+    """Return a time as µs since 1970, UTC; `zone` is the zone of a local time, None: this computer's.
 
     Raises ValueError, OverflowError, OSError if it cannot be expressed.
     """
@@ -44,14 +44,14 @@ def epoch_us(stated: datetime, zone: tzinfo | None = None) -> int:
 
 
 def local_of(us: int) -> datetime:
-    """Return µs since 1970, UTC, as this computer's local time, without its zone."""
+    """Return a time [µs since 1970, UTC] as this computer's local time, without a zone."""
     return datetime.fromtimestamp(us // 1_000_000) + timedelta(microseconds=us % 1_000_000)
 
 
 def stated_in(text: str) -> datetime | None:
-    """Return the time that a header states in words; None if it is not understood.
+    """Return the date and time in a text of a log's header; None if it is not understood.
 
-    It is `Mon Sep 29 01:00:00.000 pm 2025`, with or without weekday, part of a second, and half of the day,
+    Forms: `Mon Sep 29 01:00:00.000 pm 2025`, with or without weekday, fraction of a second, and am or pm,
     `2025-09-29 13:00:00` or `29.09.2025 13:00:00.000.0`. One or two digits after the point are milliseconds:
     python-can writes 1 ms as .1.
     """
@@ -77,16 +77,16 @@ def stated_in(text: str) -> datetime | None:
 
 
 def _micros(part: str | None) -> int:
-    """Return the digits after the point of a second as µs."""
+    """Return the fraction of a second, digits after the point, in µs."""
     if not part:
         return 0
     return int(part) * 1000 if len(part) < 3 else round(int(part) * 10.0 ** (6 - len(part)))
 
 
 def of_system_time(fields: Sequence[int]) -> datetime | None:
-    """Return the time in Windows' SYSTEMTIME (year, month, weekday, day, hour, minute, second, ms).
+    """Return the time of a Windows SYSTEMTIME (year, month, weekday, day, hour, minute, second, ms).
 
-    None if it is no time: zeros state that none is known.
+    None if it is not a valid time: zeros state that none is known.
     """
     year, month, _, day, hour, minute, second, millis = fields
     try:
@@ -96,14 +96,14 @@ def of_system_time(fields: Sequence[int]) -> datetime | None:
 
 
 def as_system_time(stated: datetime) -> tuple[int, ...]:
-    """Return a time as Windows' SYSTEMTIME."""
+    """Return a time as a Windows SYSTEMTIME."""
     weekday = stated.isoweekday() % 7
     clock = stated.hour, stated.minute, stated.second, stated.microsecond // 1000
     return (stated.year, stated.month, weekday, stated.day, *clock)
 
 
 def of_days(days: float) -> datetime | None:
-    """Return the time that a number of days since 30 December 1899 states; None if it states none."""
+    """Return the time given as days since 30 December 1899; None if the number is no valid time."""
     try:
         return _DAY_0 + timedelta(microseconds=round(days * 86_400_000) * 1000) if days > 0.0 else None
     except (ValueError, OverflowError):
@@ -129,16 +129,16 @@ FORMS = "2025-09-29 13:00:00.5, 29.09.2025 13:00:00,5 or 13:00:00.5"  # for mess
 
 
 class Stamp(NamedTuple):
-    """Moment that a cell states."""
+    """Date with time, or time of day, that a cell of a table states."""
 
     ns: int  # since 1970, by the cell's clock or UTC, or since midnight
     is_date: bool  # false: a time of day
     is_utc: bool  # the cell states how far its clock is from UTC
 
     def epoch_ns(self, zone: tzinfo | None = None) -> int:
-        """Return the moment as ns since 1970, UTC; 0 for a time of day.
+        """Return the date as ns since 1970, UTC; 0 for a time of day.
 
-        `zone` is that of local times; None: this computer's.
+        `zone` is the zone of local times; None: this computer's.
         """
         if not self.is_date or self.is_utc:
             return self.ns if self.is_date else 0
@@ -147,7 +147,7 @@ class Stamp(NamedTuple):
 
 
 def stamp_of(cell: str) -> Stamp | None:
-    """Return the moment that a cell states; None if it states none."""
+    """Return the date or time of day in a cell; None if the cell is neither."""
     found = next((match for form in _FORMS if (match := form.fullmatch(cell.strip()))), None)
     if found is None:
         return None
@@ -169,13 +169,13 @@ def stamp_of(cell: str) -> Stamp | None:
 
 
 def in_minutes(cell: str) -> bool:
-    """Whether a cell is a time of day without seconds, which may be meant as minutes and seconds."""
+    """Whether a cell is a time of day without seconds, which may be meant as minutes and seconds (mm:ss)."""
     found = re.fullmatch(_CLOCK, cell.strip())
     return found is not None and found["second"] is None
 
 
 def seconds_since(first: Stamp, cells: Sequence[str], before: float = 0.0) -> NDArray[np.float64] | int:
-    """Return the moments of cells (n,) [s] since `first`, NaN for an empty one; or the place of a wrong one.
+    """Return cells (n,) of times as [s] since `first`, an empty one as NaN; or the index of an invalid cell.
 
     A time of day that is half a day and more below the last one, `before` [s], is of the next day.
     """

@@ -1,4 +1,4 @@
-"""MCAP files, read and written: rows and frames as JSON messages with schemas, laid out as in `mcap_layout`.
+"""Reader and writer of MCAP: rows and frames as JSON messages with schemas, laid out as in `mcap_layout`.
 
 Numbers have the shortest form that reads back as the same value; a value that is not finite is null.
 """
@@ -36,7 +36,7 @@ _LATER_FLAGS = {"brs": BRS, "esi": ESI}  # missing in recordings of before, in w
 
 
 class RowTopic(NamedTuple):
-    """Topic of rows: its channel and its fields."""
+    """Topic of rows in a file being read: its channel, and its fields by column."""
 
     channel: int
     fields: Mapping[str, str]  # field names by column
@@ -44,13 +44,13 @@ class RowTopic(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class McapFile(Recording):
-    """Recording in an MCAP file."""
+    """Reader of a recording in an MCAP file."""
 
     topics: Sequence[RowTopic]
     frame_channels: Collection[int]
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time. Raises ConfigError."""
+        """Yield rows (n, len(wanted)) of the wanted columns, one block at a time. Raises ConfigError."""
         asked = {each.channel: [name for name in wanted if name in each.fields] for each in self.topics}
         asked = {channel: names for channel, names in asked.items() if names} or {
             each.channel: [] for each in self.topics[:1]
@@ -82,7 +82,7 @@ class McapFile(Recording):
             yield rows
 
     def _joined(self, parts: Sequence[list[list[Any]]]) -> Floats:
-        """Return the columns of topics (rows that begin with the same times) side by side. Raises ConfigError."""
+        """Return the columns of topics whose rows have the same times side by side. Raises ConfigError."""
         try:
             tables = [np.array(rows, dtype=np.float64) for rows in parts]
         except (TypeError, ValueError) as error:
@@ -93,7 +93,7 @@ class McapFile(Recording):
         return np.hstack([tables[0], *(table[:, 1:] for table in tables[1:])])
 
     def _frame(self, message: Message) -> tuple[Any, ...]:
-        """Return a message as a row of LOGGED."""
+        """Return a message on the topic of frames as a row of LOGGED."""
         record = self._content(message)
         try:
             identifier = int(record["id"])
@@ -112,7 +112,7 @@ class McapFile(Recording):
             raise ConfigError(f"{self.path}: cannot be read: {text}") from error
 
     def _content(self, message: Message) -> dict[str, Any]:
-        """Return the JSON object in a message."""
+        """Return the parsed JSON object of a message."""
         try:
             record = orjson.loads(message.data)
         except ValueError as error:
@@ -141,7 +141,7 @@ class McapFile(Recording):
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Open an MCAP recording. Raises ConfigError if it cannot be read or was not written by this program."""
+    """Open an MCAP recording of this program for reading. Raises ConfigError for any other or damaged file."""
     check_file(path)
     with foreign_reader(path, "MCAP", "mcap"):
         from mcap.reader import make_reader
@@ -187,13 +187,13 @@ def open_mcap(path: Path) -> McapFile:
 
 
 def _mark_in(content: bytes) -> tuple[float, str]:
-    """Return time [s] and text of a mark. Raises ValueError, KeyError, TypeError for one of another kind."""
+    """Return time [s] and text of a mark's message. Raises ValueError, KeyError, TypeError for other messages."""
     record = orjson.loads(content)
     return float(record["time_s"]), str(record["text"])
 
 
 def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
-    """Return the columns, and the topics with their fields."""
+    """Return the columns of a file by name, and the topics of rows with their fields."""
     signals, topics = {"time_s": TIME}, []
     for channel in summary.channels.values():
         if channel.metadata.get(layout.CONTENT) != layout.ROWS:
@@ -211,7 +211,7 @@ def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
 
 
 def _check_ends(path: Path, stream: Any) -> None:
-    """Raise ConfigError if a file does not begin and end as MCAP does."""
+    """Raise ConfigError if a file does not begin and end with MCAP's magic bytes."""
     if stream.read(len(_MAGIC)) != _MAGIC:
         raise ConfigError(f"{path}: cannot be read: not an MCAP file")
     size = stream.seek(0, 2)
@@ -227,7 +227,7 @@ _HEX = 2 * MAX_BYTES  # digits of a payload
 
 
 class Topic(NamedTuple):
-    """Topic of rows: its channel, its fields, and their places in a row."""
+    """Topic of rows in a file being written: its channel, its fields, and their indices in a row."""
 
     channel: int
     fields: Sequence[str]
@@ -251,11 +251,11 @@ class McapWriter(StreamWriter):
 
     @property
     def written(self) -> int:
-        """Bytes written to the file so far, plus as many as the chunk in memory may hold before compression."""
+        """Number of bytes written so far, plus at most the uncompressed chunk in memory."""
         return self._stream.tell() + min(self._length, _CHUNK)
 
     def begin(self, epoch_ns: int) -> None:
-        """Write the wall clock at the start of the run [ns since 1970] (0: none applies), and the provenance."""
+        """Write the wall clock at the run's start [ns since 1970] (0: none applies), and the provenance."""
         start = datetime.fromtimestamp(epoch_ns * 1e-9, UTC).isoformat() if epoch_ns else ""
         record = {
             "title": self._content.title,
@@ -269,7 +269,7 @@ class McapWriter(StreamWriter):
             self._writer.add_attachment(0, 0, layout.ABOUT, "application/json", about.encode())
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows as messages, one for each topic and row."""
+        """Write rows as messages, one per topic and row."""
         if not self._topics and len(rows):
             self._topics = self._register_rows()
         for first in range(0, len(rows), _ROWS):
@@ -282,7 +282,7 @@ class McapWriter(StreamWriter):
                 self._row += 1
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames, an array (n,) of dtype LOGGED, as one message each."""
+        """Write frames (n,) LOGGED as messages, one per frame."""
         if not len(frames):
             return
         if not self._frames:
@@ -294,7 +294,7 @@ class McapWriter(StreamWriter):
             self._frame += 1
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] as a message on `/marks`."""
+        """Write an operator's mark at a time [s] as a message on `/marks`."""
         if not self._marks:
             self._marks = self._register(layout.MARKS_TOPIC, "mark", layout.marks_schema(), {}, layout.MARKS)
         (time_ns,) = _nanoseconds(np.array([time_s])).tolist()
@@ -311,7 +311,7 @@ class McapWriter(StreamWriter):
             self._stream.close()
 
     def _add(self, channel: int, time_ns: int, text: bytes, number: int) -> None:
-        """Add a message with its sequence number; a chunk that is full is compressed and written."""
+        """Add a message to the chunk with its sequence number; compress and write the chunk when full."""
         self._writer.add_message(channel, time_ns, text, time_ns, number)
         self._length += len(text)
 
@@ -339,7 +339,7 @@ class McapWriter(StreamWriter):
 
 
 def _row_texts(rows: NDArray[np.float64], topic: Topic) -> Iterator[bytes]:
-    """Yield the fields of a topic in each of these rows (n, m) as a JSON object."""
+    """Yield a topic's fields of each row (n, m) as the text of a JSON object."""
     columns = [
         _numbers(rows[:, place], is_whole) for place, is_whole in zip(topic.places, topic.whole, strict=True)
     ]
@@ -348,14 +348,14 @@ def _row_texts(rows: NDArray[np.float64], topic: Topic) -> Iterator[bytes]:
 
 
 def _numbers(column: NDArray[np.float64], is_whole: bool) -> list[float]:
-    """Return a column as Python's numbers: integers if it `is_whole`, unless 64 bits cannot hold one of them."""
+    """Return a column as Python numbers: as int if it `is_whole`, unless one does not fit 64 bits."""
     is_int = is_whole and (np.abs(column) < 2.0**63).all()  # false for NaN
     values: list[float] = (column.astype(np.int64) if is_int else column).tolist()
     return values
 
 
 def _frame_texts(frames: Any, channel: str) -> Iterator[bytes]:
-    """Yield frames (n,) LOGGED as JSON objects with the fields of `mcap_layout.FRAME_FIELDS`."""
+    """Yield frames (n,) LOGGED as texts of JSON objects with the fields `mcap_layout.FRAME_FIELDS`."""
     text, name = frames["payload"].tobytes().hex().upper(), _plain(channel)
     fields = zip(
         frames["identifier"].tolist(),
@@ -385,7 +385,7 @@ def _frame_texts(frames: Any, channel: str) -> Iterator[bytes]:
 
 
 def _plain(text: str) -> str:
-    """Return a name with what UTF-8 cannot hold replaced."""
+    """Return a text with the characters replaced that UTF-8 cannot encode."""
     return text.encode(errors="replace").decode()
 
 

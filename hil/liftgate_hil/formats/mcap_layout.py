@@ -52,7 +52,7 @@ FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
 
 
 def topics_of(columns: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return the columns of each topic, with the prefix that their fields lack; each topic also has `time_s`."""
+    """Return the columns of each topic, and the prefix that their field names omit; each has `time_s`, too."""
     topics: dict[str, dict[str, str]] = {}
     for name in columns:
         if name != "time_s":
@@ -73,7 +73,7 @@ def _topic_of(name: str) -> tuple[str, str]:
 
 
 def rows_schema(title: str, fields: Mapping[str, tuple[Signal, str]]) -> bytes:
-    """Return the schema of a topic of rows: type, meaning and, as a key of its own, unit of each field."""
+    """Return the JSON schema of a topic of rows: type, meaning and unit (own key `unit`) of each field."""
     properties = {}
     for name, (signal, unit) in fields.items():
         words = f"{signal.meaning} [{signal.unit}]" if signal.unit else signal.meaning
@@ -83,13 +83,13 @@ def rows_schema(title: str, fields: Mapping[str, tuple[Signal, str]]) -> bytes:
 
 
 def marks_schema() -> bytes:
-    """Return the schema of an operator's marks."""
+    """Return the JSON schema of an operator's marks."""
     time = {"type": "number", "description": TIME.meaning, "unit": "s"}
     return _schema("mark", {"time_s": time, "text": {"type": "string", "description": "what the operator notes"}})
 
 
 def frames_schema(title: str) -> bytes:
-    """Return the schema of the topic of frames."""
+    """Return the JSON schema of the topic of frames."""
     return _schema(
         title, {name: {"type": kind, "description": words} for name, (kind, words) in FRAME_FIELDS.items()}
     )

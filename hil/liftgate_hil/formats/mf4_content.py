@@ -1,4 +1,4 @@
-"""Content of an MF4 file: numbers of channels, frames as in ASAM MDF bus logging, marks and provenance."""
+"""Content of an MF4 file: channels as numbers, frames of ASAM MDF bus logging, marks and provenance."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ NO_NUMBERS = "no numbers, only value texts or invalid samples; allowed: one numb
 
 
 class ChannelValues(NamedTuple):
-    """Samples of a channel, and which of them are numbers."""
+    """Samples of a channel, with a mask of those that are numbers."""
 
     values: NDArray[np.float64]  # (n,), in the channel's unit
     there: NDArray[np.bool_]  # (n,), false: invalid by the file's own word, or a text
 
     @property
     def numbers(self) -> NDArray[np.float64]:
-        """Samples (n,), NaN where there is no number."""
+        """Samples (n,) with NaN for those that are no numbers."""
         return self.values if self.there.all() else np.where(self.there, self.values, np.nan)
 
 
 def values_of(signal: Any, account: Account) -> ChannelValues | None:
-    """Return the numbers of a signal that asammdf has read raw; None if it is not numeric.
+    """Return the numbers of a channel that asammdf has read raw, with their mask; None if it is not numeric.
 
-    The account is told of integers that no float holds.
+    The account counts integers that no float holds.
 
-    A conversion is applied. What it turns into a text (`Init` of a scaled angle) is no number, except of a state,
+    A conversion is applied. A sample converted to text (`Init` of a scaled angle) is no number, except of a state,
     whose raw numbers stand for the texts.
     """
     samples, conversion = np.asarray(signal.samples), signal.conversion
@@ -60,7 +60,7 @@ def values_of(signal: Any, account: Account) -> ChannelValues | None:
 
 
 def is_state(conversion: Any, unit: str) -> bool:
-    """Whether value texts name the states of a channel, by raw numbers from 0 or 1 on, instead of single values.
+    """Whether a value-to-text conversion names all states of a channel (raw 0 or 1 on), not single values.
 
     A state has no unit, and no other number is converted.
     """
@@ -80,7 +80,7 @@ def is_state(conversion: Any, unit: str) -> bool:
 
 
 def _is_identity(conversion: Any) -> bool:
-    """Whether a conversion leaves numbers as they are."""
+    """Whether a conversion leaves numbers unchanged."""
     from asammdf.blocks import v4_constants as constants
 
     kind = conversion.conversion_type
@@ -98,7 +98,7 @@ KINDS = {FRAME: 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 
 
 def samples_of(name: str, frames: Any, channel: int) -> NDArray[Any]:
-    """Return frames (n,) LOGGED as samples with the fields of bus logging."""
+    """Return frames (n,) LOGGED as an array of samples with the fields of ASAM bus logging."""
     fields = _OF_REMOTE if name == "CAN_RemoteFrame" else tuple(_FIELDS)
     samples = np.zeros(len(frames), dtype=[(f"{name}.{field}", _FIELDS[field]) for field in fields])
     identifiers = frames["identifier"]
@@ -123,7 +123,7 @@ def samples_of(name: str, frames: Any, channel: int) -> NDArray[Any]:
 
 
 class FrameGroup(NamedTuple):
-    """Group of an MF4 file with frames of one kind."""
+    """Channel group of an MF4 file that holds frames of one kind."""
 
     kind: str
     number: int  # of the group
@@ -132,11 +132,11 @@ class FrameGroup(NamedTuple):
 
     @property
     def asked(self) -> list[tuple[None, int, int]]:
-        """The channels of which `fields_of` takes the signals."""
+        """The channels to read, whose signals `fields_of` expects."""
         return [(None, self.number, place) for place in (self.whole, *self.converted.values())]
 
     def fields_of(self, signals: Sequence[Any]) -> dict[str, Any]:
-        """Return the fields of frames by their names, conversions applied, as far as the file has them."""
+        """Return the fields of frames by name, with conversions applied, as far as the file has them."""
         samples = signals[0].samples
         fields = {name.removeprefix(f"{self.kind}."): samples[name] for name in samples.dtype.names or ()}
         for name, signal in zip(self.converted, signals[1:], strict=True):
@@ -146,7 +146,7 @@ class FrameGroup(NamedTuple):
 
 
 def frame_groups_in(measured: Any) -> Iterator[FrameGroup]:
-    """Yield the groups with frames."""
+    """Yield the channel groups of a file that hold frames."""
     for number, content in enumerate(measured.groups):
         names = [each.name for each in content.channels]
         kind = next((name for name in names if name in KINDS), "")
@@ -162,7 +162,7 @@ def frame_groups_in(measured: Any) -> Iterator[FrameGroup]:
 
 
 def logged(fields: Mapping[str, Any], kind: str, times: Any) -> NDArray[np.void]:
-    """Return frames of one kind as rows (n,) LOGGED."""
+    """Return the fields of frames of one kind as rows (n,) LOGGED."""
     mark = KINDS[kind]
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)
@@ -185,7 +185,7 @@ def logged(fields: Mapping[str, Any], kind: str, times: Any) -> NDArray[np.void]
 
 
 def merged(parts: Sequence[Iterator[NDArray[np.void]]]) -> Iterator[NDArray[np.void]]:
-    """Merge the frames of all parts in order of time; each part is in order of time."""
+    """Merge the frames of several groups into order of time; each group is in order already."""
     heads = {place: next(part, None) for place, part in enumerate(parts)}
     while waiting := {place: head for place, head in heads.items() if head is not None}:
         bound = min(int(head["time_ns"].max()) for head in waiting.values())
@@ -205,7 +205,7 @@ _TIMES = (0, 1)  # sync_type of a group's master: none stated, or time
 
 
 def other_buses_in(measured: Any) -> Iterator[str]:
-    """Yield a note for each kind of frames of another bus."""
+    """Yield a note for each kind of frames of a bus other than CAN."""
     for content in measured.groups:
         kind = next((each.name for each in content.channels if _is_of_other_bus(each.name)), "")
         if kind and content.channel_group.cycles_nr:
@@ -221,7 +221,7 @@ def _is_of_other_bus(name: str) -> bool:
 
 
 def columns_in(measured: Any, notes: list[str]) -> dict[str, tuple[int, int]]:
-    """Return the channels over time, by name: group, and place in it.
+    """Return the channels over time, by name: index of the group, and index of the channel in it.
 
     Channels of the same name in several groups with samples are called GROUP.NAME.
     """
@@ -258,12 +258,12 @@ def columns_in(measured: Any, notes: list[str]) -> dict[str, tuple[int, int]]:
 
 
 def _called(content: Any, group: int) -> str:
-    """Return what a group is called: as the file says, else by its number."""
+    """Return a channel group's name for notes: as the file states it, else by number."""
     return str(content.channel_group.acq_name or "").strip() or f"group {group}"
 
 
 def not_read(measured: Any, group: int, place: int) -> str:
-    """Return why a channel of another program is no column, as far as its first sample tells; "": it is one."""
+    """Return as text why a channel cannot be read as a column, as far as its first sample tells; "": it can."""
     try:
         first = measured.select([(None, group, place)], record_count=1, raw=True)[0]
         return "" if values_of(first, Account()) is not None else "not numeric"
@@ -272,7 +272,7 @@ def not_read(measured: Any, group: int, place: int) -> str:
 
 
 def marks_in(measured: Any) -> list[tuple[float, str]]:
-    """Return the marker events at a point in time."""
+    """Return the file's marker events at a point in time: time [s] and text."""
     from asammdf.blocks.v4_constants import EVENT_SYNC_TYPE_S, EVENT_TYPE_MARKER
 
     return [
@@ -283,7 +283,7 @@ def marks_in(measured: Any) -> list[tuple[float, str]]:
 
 
 def about_in(measured: Any) -> str:
-    """Return the provenance that is attached to a recording; "": none."""
+    """Return the provenance attached to a recording, as JSON; "": none."""
     for place, each in enumerate(measured.attachments):
         if each.file_name == ABOUT:
             return bytes(measured.extract_attachment(index=place)[0]).decode(errors="replace")

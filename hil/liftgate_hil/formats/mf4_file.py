@@ -1,6 +1,6 @@
-"""MF4 files by asammdf, written and read: a group of signals, and the bus frames as in ASAM MDF bus logging.
+"""Reader and writer of MF4 by asammdf: a group of signals, and bus frames as in ASAM MDF bus logging.
 
-What is recorded goes to a temporary file beside the recording, so that memory does not grow; closing creates the
+Recorded data go to a temporary file beside the recording, so that memory does not grow; closing creates the
 recording from it.
 """
 
@@ -75,23 +75,23 @@ class Mf4Writer(StreamWriter):
 
     @property
     def written(self) -> int:
-        """Bytes recorded so far."""
+        """Number of bytes recorded so far."""
         return self._extended + self._rows.nbytes + self._frames.nbytes
 
     def begin(self, epoch_ns: int) -> None:
-        """Set the start time to the wall clock at the start of the run [ns since 1970]."""
+        """Set the file's start time: the wall clock at the run's start [ns since 1970]."""
         self._mdf.header.start_time = datetime.fromtimestamp(epoch_ns * 1e-9, UTC)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows once there are enough for a block."""
+        """Collect rows, and write them once there are enough for a block."""
         self._extend_rows(self._rows.add(rows))
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED once there are enough for a block."""
+        """Collect frames (n,) LOGGED, and write them once there are enough for a block."""
         self._extend_frames(self._frames.add(frames))
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Keep a mark at a time [s]: a marker event of the file."""
+        """Keep an operator's mark at a time [s], which becomes a marker event of the file."""
         from asammdf.blocks.v4_blocks import EventBlock
         from asammdf.blocks.v4_constants import (
             EVENT_CAUSE_USER,
@@ -180,7 +180,7 @@ class Mf4Writer(StreamWriter):
 
 
 def _make_nameless(mdf: Any, folder: str) -> None:
-    """Give an MDF that is being written a temporary file without a name: one with a name outlives a kill."""
+    """Give an MDF that is being written a temporary file without a name: a named one would outlive a kill."""
     inner = mdf._mdf
     inner._tempfile.close()
     inner._tempfile = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
@@ -192,7 +192,7 @@ _MOST_NAMED = 5  # channels that cannot be read
 
 @dataclass(frozen=True, kw_only=True)
 class Mf4File(Recording):
-    """MF4 file: channels of any program, each with its own times, or a recording of this one."""
+    """Reader of an MF4 file: channels of any program, each with its own times, or a recording of this one."""
 
     columns: Mapping[str, tuple[int, int]]  # group of each channel and its place in the group
     buses: Sequence[FrameGroup]
@@ -202,7 +202,7 @@ class Mf4File(Recording):
     sample: str = "sample"
 
     def as_recording(self) -> Mf4File:
-        """Return it as a recording: one group of plain numbers. Raises ConfigError if it is none."""
+        """Return the file as a recording: one group of plain numbers. Raises ConfigError if it is none."""
         if self.refusal and self.channel is None:
             raise ConfigError(f"{self.path}: {self.refusal}")
         if self.refusal:  # of its columns; its frames are a recording
@@ -210,7 +210,7 @@ class Mf4File(Recording):
         return self
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
+        """Read channels; those without finite numbers at rising times are left out and added to `issues`."""
         result = {}
         self.rows_account.clear()
         with opened_mf4(self.path) as measured:
@@ -223,7 +223,7 @@ class Mf4File(Recording):
         return result
 
     def _series(self, measured: Any, name: str) -> FileColumn | str:
-        """Return a channel's samples with their times, or why it has none."""
+        """Return a channel's samples with their times; or as text why it has none."""
         if name not in self.columns:
             return NOT_NUMERIC
         group, place = self.columns[name]
@@ -251,7 +251,7 @@ class Mf4File(Recording):
         return FileColumn(values, times, signal.unit or None)
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: invalid, or a value text."""
+        """Yield rows (n, len(wanted)) of wanted columns, one block at a time; NaN: invalid, or a value text."""
         names = [name for name in wanted if name != "time_s"]
         asked = [(None, *self.columns[name]) for name in names or list(self.columns)[:1]]
         self.rows_account.clear()
@@ -273,14 +273,14 @@ class Mf4File(Recording):
                 yield np.column_stack([found[name] for name in wanted])
 
     def frames(self) -> Iterator[NDArray[np.void]]:
-        """Yield the frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
+        """Yield frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
         self.account.clear()
         with opened_mf4(self.path, in_blocks=True) as measured:
             parts = [self._frames(measured, group) for group in self.buses]
             yield from parts[0] if len(parts) == 1 else merged(parts)
 
     def on_bus(self, name: str) -> Mf4File:
-        """Return the file with the frames of this bus only. Raises ConfigError if it holds none."""
+        """Return the file restricted to the frames of this bus. Raises ConfigError if it has none."""
         if self.channel is None:
             return self
         buses = self.bus_numbers()
@@ -291,7 +291,7 @@ class Mf4File(Recording):
         return self.changed(channel=name, bus_number=number, is_chosen=True)
 
     def bus_numbers(self) -> list[int]:
-        """Return the numbers of all buses of which the file has frames."""
+        """Return the numbers of all buses with frames in the file."""
         found: set[int] = set()
         with opened_mf4(self.path, in_blocks=True) as measured:
             for group in self.buses:
@@ -319,13 +319,13 @@ class Mf4File(Recording):
 
 
 def _first_bus(measured: Any, group: FrameGroup) -> int:
-    """Return the number of the bus of a group's first frame."""
+    """Return the bus number of a group's first frame."""
     signals = measured.select(group.asked, record_count=1, raw=True)
     return int(np.ravel(group.fields_of(signals).get("BusChannel", 0))[0])
 
 
 def open_mf4(path: Path) -> Mf4File:
-    """Open an MF4 file. Raises ConfigError if it cannot be read."""
+    """Open an MF4 file for reading. Raises ConfigError if it cannot be read."""
     with opened_mf4(path, in_blocks=True) as measured:
         check_width(path, sum(len(group.channels) for group in measured.groups))
         start = measured.header.start_time

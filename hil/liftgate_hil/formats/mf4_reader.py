@@ -1,4 +1,4 @@
-"""Opens an MF4 file by asammdf, whose errors are raised as ConfigError, and reads it in blocks."""
+"""Opening of an MF4 file by asammdf, whose errors become ConfigError, and reading in blocks."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from liftgate_hil.formats.recording import DAMAGED
 
 @contextmanager
 def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
-    """Open an MF4 file as asammdf's MDF; errors in the context are raised as ConfigError.
+    """Context that opens an MF4 file as asammdf's MDF, and raises errors as ConfigError.
 
-    With `in_blocks` the file shall be read in parts, of which only the current one is loaded.
+    With `in_blocks` the file is read in blocks, of which only the current one is loaded.
     """
     try:
         from asammdf import MDF
@@ -61,7 +61,7 @@ def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
 
 
 def why_not_read(error: Exception) -> str:
-    """Return why a file or a channel cannot be read. What asammdf says of it is about its own code."""
+    """Return as text why a file or a channel cannot be read; asammdf's own text is about its code."""
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
     if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # a place before the file
@@ -70,7 +70,7 @@ def why_not_read(error: Exception) -> str:
 
 
 def _is_finished(path: Path) -> bool:
-    """Return whether a file is finished, as its first block says. Raises ConfigError if it is no MDF file."""
+    """Whether a file is finalized, by its identification block. Raises ConfigError if it is no MDF file."""
     with path.open("rb") as stream:
         head = stream.read(_HEADER_BLOCK)
     if head[:7] not in (b"MDF    ", b"UnFinMF"):
@@ -81,7 +81,7 @@ def _is_finished(path: Path) -> bool:
 
 
 def _copy_of(file: BinaryIO) -> BinaryIO:
-    """Return a copy of a file that a logger has not finished, in which asammdf completes it."""
+    """Return a copy of a file that a logger has not finalized, in which asammdf completes it."""
     copy = tempfile.TemporaryFile()  # noqa: SIM115  # closed by the caller
     shutil.copyfileobj(file, copy)
     copy.seek(0)
@@ -93,7 +93,7 @@ _HEADER_BLOCK, _BLOCK_HEAD = 64, 24
 
 
 def _check_groups(path: Path) -> None:
-    """Raise ConfigError where a chain of data or channel groups forms a ring: asammdf would never end."""
+    """Raise ConfigError if a chain of data or channel groups is circular: asammdf would never end."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(_HEADER_BLOCK)
@@ -101,7 +101,7 @@ def _check_groups(path: Path) -> None:
             return
 
         def links_at(block: int) -> tuple[int, int]:
-            """Return the next block of the chain, and the first one below this block; 0: none."""
+            """Return the positions of the next block in the chain and of the first one below `block`; 0: none."""
             if not 0 < block <= size - _BLOCK_HEAD - 16:
                 return 0, 0
             file.seek(block + _BLOCK_HEAD)
@@ -111,7 +111,7 @@ def _check_groups(path: Path) -> None:
         seen: set[int] = set()
 
         def chain(block: int) -> Iterator[int]:
-            """Yield the first block below each block of a chain, from `block` on."""
+            """Yield for each block of a chain, from `block` on, the position of the first block below it."""
             while block:
                 if block in seen:
                     raise ConfigError(f"{path}: cannot be read: its blocks form a ring at byte {block}")
@@ -126,7 +126,7 @@ def _check_groups(path: Path) -> None:
 
 @contextmanager
 def _silent_end() -> Iterator[None]:
-    """Suppress the unraisable errors of objects that asammdf could not open, when they are deleted."""
+    """Context that suppresses unraisable errors on deletion of objects that asammdf failed to open."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield
@@ -139,7 +139,7 @@ _BLOCK = 20_000  # rows or frames that are read at a time
 
 
 def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Account) -> Iterator[list[Any]]:
-    """Yield these channels of one group, some rows at a time; of a file that was cut off those that are whole."""
+    """Yield channels of one group in blocks of rows; of a truncated file only the complete rows."""
     count = measured.groups[asked[0][1]].channel_group.cycles_nr
 
     def read(first: int, rows: int) -> list[Any]:
@@ -165,7 +165,7 @@ def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Ac
 
 
 def _most(count: int, read: Callable[[int], object]) -> int:
-    """Return how many of `count` records can be read, from the first one on."""
+    """Return the number of records, of `count`, that can be read from the first one on."""
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2

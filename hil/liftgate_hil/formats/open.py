@@ -1,4 +1,4 @@
-"""Opening of a file of any format, for writing or reading."""
+"""Opening of files of any format, for reading or writing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _BINARY = (
 
 
 def check_form(path: Path) -> None:
-    """Raise ConfigError if a file is one of another kind than its ending says, as far as its beginning tells.
+    """Raise ConfigError if a file's beginning shows another format than its suffix.
 
     Also raises it for versions of MDF that are not read.
     """
@@ -81,7 +81,7 @@ _SALVAGE_SUFFIXES = (".log", ".csv")  # of text files with frames and rows besid
 
 
 def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
-    """Open the recording in a file, whose suffix selects the format. Raises ConfigError."""
+    """Open a recording for reading; its suffix selects the format. Raises ConfigError."""
     found = _opened(path, how)
     if not found.signals and found.channel is None:
         raise ConfigError(
@@ -91,7 +91,7 @@ def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
 
 
 def _instead(found: Recording) -> str:
-    """Return what a file without frames holds, as far as its reader can tell."""
+    """Return as text the content of a file without frames, as far as its reader can tell."""
     if found.notes:
         return f", but {'; '.join(found.notes)}"
     is_log = found.path.suffix.lower() in BUS_LOGS  # its reader accounts for each line and object
@@ -99,7 +99,7 @@ def _instead(found: Recording) -> str:
 
 
 def holds_nothing(path: Path) -> bool:
-    """Whether a recording has neither rows nor frames, as one whose trigger never came. Raises ConfigError."""
+    """Whether a recording has neither rows nor frames, e.g. if its trigger never came. Raises ConfigError."""
     if path.suffix.lower() == ".log" and path.is_file() and path.stat().st_size == 0:
         return True  # candump's text has no header
     found = _opened(path)
@@ -118,7 +118,7 @@ def _opened(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
 
 
 def open_file(path: Path, allowed: Sequence[str] = tuple(FORMATS), how: ReadOptions = AS_IT_IS) -> Recording:
-    """Open a file of any program. Raises ConfigError, also for a format that is not `allowed`."""
+    """Open a file of any program for reading. Raises ConfigError, also for a format that is not `allowed`."""
     kind = path.suffix.lower()
     if kind in allowed:
         check_readable(path)
@@ -138,7 +138,7 @@ def _ending(path: Path) -> str:
 
 
 def check_file(argument: str, name: str, allowed: tuple[str, ...] = RECORDED) -> Path:
-    """Return the path of a file to write that an argument names. Raises ConfigError."""
+    """Return the path of an output file named by an argument, validated. Raises ConfigError."""
     path, what = Path(name), f"`{argument}` {name}"
     with contextlib.suppress(OSError, ValueError):  # reported below
         if path.is_dir():
@@ -172,9 +172,9 @@ def open_writer(
     stream: BinaryIO | None = None,
     patience: float | None = None,
 ) -> GuardedWriter:
-    """Open the writer of a file, or of several of a limited size, or of a `stream` that gets a file's content.
+    """Open the writer of a file, of several files of limited size, or of the content for a `stream`.
 
-    What is at a file's place is set aside (see `set_aside`), and `say` told. `is_salvaged`: text is written beside
+    An existing file is set aside (see `set_aside`), and `say` called. `is_salvaged`: text is written beside
     formats that a kill corrupts, so that a kill loses next to nothing. A pipe fails whose reader reads nothing for
     `patience` [s] (None: it is waited for). Raises ConfigError if the file cannot be written, or is one of those
     that the content is made from.
@@ -193,7 +193,7 @@ def open_writer(
 def open_writers(
     paths: Sequence[Path], content: Content, limit: Limit | None, say: Say, stack: contextlib.ExitStack
 ) -> list[GuardedWriter]:
-    """Open the writers of a run; the stack closes them. Raises ConfigError if a file cannot be written."""
+    """Open the writers of a run's recordings; the stack closes them. Raises ConfigError if one fails to open."""
     recorders = []
     for path in paths:
         recorder = open_writer(path, content, limit, say)
@@ -203,7 +203,7 @@ def open_writers(
 
 
 class _Target(NamedTuple):
-    """Opener of the files of a recording, with the content that they get."""
+    """Opener of a recording's files, with their common content and options."""
 
     content: Content
     is_salvaged: bool
@@ -212,7 +212,7 @@ class _Target(NamedTuple):
     patience: float | None  # s, with the reader of a pipe
 
     def part(self, path: Path) -> SalvagedWriter:
-        """Open one file of a recording. Raises ConfigError, OSError."""
+        """Open the writer of one file of a recording. Raises ConfigError, OSError."""
         form, content = FORMATS[path.suffix], self.content
         texts: list[tuple[Path, Writer]] = []
         check_no_input(path, content.inputs)  # before text is written beside it

@@ -1,8 +1,8 @@
-"""Recordings of this program, told from other content by what they hold.
+"""Recognition of recordings of this program by their content or an extended attribute.
 
-The formats of most hold a mark: the program's name in a comment or header, or our columns in a table. The text of
+Most formats hold a mark: the program's name in a comment or header, or our columns in a table. The text of
 candump and BLF hold none: an extended attribute says which size and time a log had when it was completed, so that
-one that was changed since, or copied without its attributes, counts as somebody else's.
+one that was changed since, or copied without its attributes, counts as foreign.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PROGRAM = slice(16, 24)  # of an MF4 file: ASAM MDF 4.1, identification block, 
 
 
 def is_ours(path: Path) -> bool:
-    """Whether a recording was written by this program; false if nobody can tell."""
+    """Whether a recording was written by this program; false if that cannot be determined."""
     kind = path.suffix.lower()
     try:
         if kind in SIGNED:
@@ -53,7 +53,7 @@ def is_ours(path: Path) -> bool:
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether a file is as we completed it; a table's columns count where nobody can tell. Raises OSError."""
+    """Whether a file is as this program completed it; without attributes by its columns. Raises OSError."""
     try:
         return os.getxattr(path, _ATTRIBUTE) == _signature(path)
     except OSError as error:
@@ -66,19 +66,19 @@ def _is_signed(path: Path) -> bool:
 
 
 def sign(path: Path) -> None:
-    """Note that a complete recording without a mark is ours, as far as its file system can hold that."""
+    """Mark a complete recording as this program's by an extended attribute, if its file system has these."""
     with contextlib.suppress(OSError):
         os.setxattr(path, _ATTRIBUTE, _signature(path))
 
 
 def _signature(path: Path) -> bytes:
-    """Return what tells a file from a later state of it."""
+    """Return size and time of a file, which distinguish it from later states."""
     found = path.stat()
     return f"{found.st_size} bytes at {found.st_mtime_ns} ns".encode()
 
 
 def _is_our_table(head: bytes, tail: bytes) -> bool:
-    """Whether a table begins with one of our headers and ends in rows of numbers, to which nothing was added."""
+    """Whether a CSV text has a header of ours, rows of numbers at its end, and nothing added."""
     names = head.partition(b"\n")[0].rstrip(b"\r").decode(errors="replace").split(",")
     if ",".join(name for name in names if not name.startswith(FAULT_PREFIX)) not in _headers():
         return False
@@ -89,13 +89,13 @@ def _is_our_table(head: bytes, tail: bytes) -> bool:
 
 @functools.cache
 def _headers() -> frozenset[str]:
-    """Return the headers of our tables without columns of faults, with and without the start of the run."""
+    """Return the headers of our CSV recordings without columns of faults, with and without the run's start."""
     found = [",".join(columns_of(drives, offline)) for drives in (1, 2) for offline in (False, True)]
     return frozenset((*found, *(f"{each},{START_COLUMN}" for each in found)))
 
 
 def _library_of(head: bytes) -> bytes:
-    """Return the library that the header of an MCAP file names: after its profile, in the first record."""
+    """Return the library's name in an MCAP file's header: after the profile, in the first record."""
     try:
         (profile,) = _LENGTH.unpack_from(head, _MCAP_HEADER)
         at = _MCAP_HEADER + _LENGTH.size + profile

@@ -1,4 +1,4 @@
-"""Parquet files by pyarrow, written and read: one column per signal with its unit, one row group at a time."""
+"""Reader and writer of Parquet by pyarrow: one column per signal with its unit, one row group at a time."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class ParquetTableWriter(StreamWriter):
 
     @property
     def written(self) -> int:
-        """Bytes written so far, including rows that wait for a full row group."""
+        """Number of bytes written so far, including rows that wait for a full row group."""
         return self._stream.tell() + self._batch.nbytes
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows (n, ROW_WIDTH) once a row group is full."""
+        """Collect rows (n, ROW_WIDTH), and write them once a row group is full."""
         self._put(self._batch.add(rows))
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ _TICK_NS = {"s": 10**9, "ms": 10**6, "us": 1000, "ns": 1, "[day]": 86_400 * 10**
 
 @dataclass(frozen=True, kw_only=True)
 class ParquetFile(Recording):
-    """Parquet file: a table of any program, or a recording of this one."""
+    """Reader of a Parquet file: a table of any program, or a recording of this one."""
 
     others: Mapping[str, str]  # the columns of anything but numbers and times, with their types
     whole: Collection[str]  # the columns of integers
@@ -103,17 +103,17 @@ class ParquetFile(Recording):
     moments: Mapping[str, tuple[Stamp, int]] = field(default_factory=dict)
 
     def as_recording(self) -> ParquetFile:
-        """Return it as a recording: columns of numbers, the time first. Raises ConfigError if it is none."""
+        """Return the file as a recording: numeric columns, the time first. Raises ConfigError if it is none."""
         self._check(self.names)
         check_time_first(self.path, self.names)
         return replace(self, start_ns=self.start_ns or self.starts.get("time_s", 0))
 
     def in_zone(self, zone: tzinfo) -> ParquetFile:
-        """Return the table with dates that state no zone read as local times of this one."""
+        """Return the table with dates without a zone interpreted as local times of this zone."""
         return self.changed(starts=_starts_of(self.moments, zone))
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one batch at a time; null is NaN."""
+        """Yield rows (n, len(wanted)) of the wanted columns, one batch at a time; null is NaN."""
         self._check(wanted)
         self.rows_account.clear()
         with foreign_reader(self.path, "Parquet", "pyarrow"):
@@ -125,7 +125,7 @@ class ParquetFile(Recording):
                     yield np.column_stack(values)
 
     def _check(self, wanted: Sequence[str]) -> None:
-        """Raise ConfigError if one of these columns does not hold numbers."""
+        """Raise ConfigError if one of these columns is not numeric."""
         issues = [f"{name}: {self.others[name]}" for name in wanted if name in self.others]
         if issues:
             raise ConfigError([f"{self.path}: {each}; allowed: numbers" for each in issues])
@@ -144,7 +144,7 @@ class ParquetFile(Recording):
 
 
 def open_parquet(path: Path) -> ParquetFile:
-    """Open a Parquet file. Raises ConfigError if it cannot be read, or has two columns of the same name."""
+    """Open a Parquet file for reading. Raises ConfigError if it is unreadable or has equal column names."""
     with foreign_reader(path, "Parquet", "pyarrow"):
         from pyarrow import parquet, types
 
@@ -183,7 +183,7 @@ def open_parquet(path: Path) -> ParquetFile:
 
 
 def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
-    """Return the columns of dates (from the first row on) and times, each with its 0 and its unit [ns]."""
+    """Return the columns of dates (as of the first row) and times, each with its zero and its unit [ns]."""
     from pyarrow import types
 
     found = {}
@@ -201,5 +201,5 @@ def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
 
 
 def _starts_of(moments: Mapping[str, tuple[Stamp, int]], zone: tzinfo | None) -> dict[str, int]:
-    """Return the wall clock at the first moment of each column [ns since 1970]."""
+    """Return the wall clock at the first date of each column of dates [ns since 1970]."""
     return {name: stamp.epoch_ns(zone) for name, (stamp, _) in moments.items()}

@@ -1,4 +1,4 @@
-"""Recording: the base class of all readers of files, with rows, frames and columns."""
+"""Base class `Recording` of the readers of all formats, with rows, frames and columns."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COMMAND = "command: "  # with which a mark begins that an operator's command has
 
 @dataclass(frozen=True)
 class FileColumn:
-    """Column of a file, as the file has it, in the file's unit."""
+    """Column read from a file, in the file's unit."""
 
     values: Floats  # NaN where a cell is empty
     times: Floats | None = None  # s, of a column with its own times; None: those of the file's rows
@@ -44,7 +44,7 @@ class FileColumn:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Settings with which a file is read, for what it does not say itself."""
+    """Settings for reading a file, on what the file itself does not state: bus and time zone."""
 
     channel: str | None = None  # the bus, where a file has frames of several; None: the only one
     zone: tzinfo | None = None  # of local times in headers of bus logs; None: this computer's
@@ -54,7 +54,7 @@ AS_IT_IS = ReadOptions()
 
 
 def read_options(recording_channel: str | None = None, timezone: str | None = None) -> ReadOptions:
-    """Return the settings for a bus and a time zone by their names. Raises ConfigError."""
+    """Return the settings for reading with a bus and a time zone, given by name. Raises ConfigError."""
     zone = None
     if timezone is not None:
         try:
@@ -67,7 +67,7 @@ def read_options(recording_channel: str | None = None, timezone: str | None = No
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """File of rows, frames or both: a recording of this program, or another program's table or bus log.
+    """Reader of a file with rows, frames or both: a recording of this program, a foreign table or bus log.
 
     Its methods open the file anew, and raise ConfigError if it cannot be read.
     """
@@ -90,12 +90,12 @@ class Recording:
     rows_account: Account = field(default_factory=Account, compare=False)
 
     def changed(self, **fields: Any) -> Self:
-        """Return the recording with these fields, and empty accounts."""
+        """Return a copy of the recording with other values of these fields, and empty accounts."""
         return replace(self, account=Account(), rows_account=Account(), **fields)
 
     @functools.cached_property
     def provenance(self) -> Mapping[str, Any]:
-        """The provenance by its keys; {}: there is none, or it is damaged."""
+        """The provenance as a mapping; {}: there is none, or it is damaged."""
         with contextlib.suppress(ValueError, RecursionError):
             found = json.loads(self.about or "{}")
             return found if isinstance(found, dict) else {}
@@ -103,30 +103,30 @@ class Recording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the file, complete once its rows or frames have been read."""
+        """Notes on the file, complete once its rows or frames have been read."""
         return (*self.remarks, *self.account.notes(), *self.rows_account.notes())
 
     def as_recording(self) -> Recording:
-        """Return it as a recording, with exact rows. Raises ConfigError if its columns are no rows of one."""
+        """Return the file as a recording of this program with exact rows. Raises ConfigError if it is none."""
         return self
 
     def read_with(self, how: ReadOptions) -> Recording:
-        """Return the recording as it is with these settings. Raises ConfigError."""
+        """Return the recording with these settings applied. Raises ConfigError."""
         found = self if how.zone is None else self.in_zone(how.zone)
         return found if how.channel is None else found.on_bus(how.channel)
 
     def in_zone(self, zone: tzinfo) -> Recording:
-        """Return the recording with the local time in its header read as that of a zone; here there is none."""
+        """Return the recording with its header's local time interpreted in a zone; this class has none."""
         return self
 
     def on_bus(self, name: str) -> Recording:
-        """Return the recording with the frames of this bus only. Raises ConfigError if it has none of it."""
+        """Return the recording restricted to the frames of this bus. Raises ConfigError if it has none."""
         if self.channel not in (None, name):
             raise no_such_bus(self.path, name, [str(self.channel)])
         return self
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)) of these columns, one block at a time; NaN: no value."""
+        """Yield rows (n, len(wanted)) of the wanted columns, one block at a time; NaN: no value."""
         return iter(())
 
     def frames(self) -> Iterator[NDArray[np.void]]:
@@ -134,7 +134,7 @@ class Recording:
         return iter(())
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Read these columns; what is anything but finite numbers, or unreadable, is added to `issues`."""
+        """Read columns of finite numbers; others, and unreadable ones, are left out and added to `issues`."""
         if not wanted:
             return {}
         try:
@@ -161,7 +161,7 @@ class Recording:
 
 
 def no_such_bus(path: Path, name: str, buses: Sequence[str]) -> ConfigError:
-    """Return the error of a bus that was chosen and is not in a file."""
+    """Return the ConfigError for a chosen bus that is not in a file."""
     return ConfigError(f"`recording_channel` {name}: not in {path}; allowed: {', '.join(buses)}")
 
 
@@ -169,7 +169,7 @@ MOST_COLUMNS = 20_000  # more than a sheet of Excel has (16,384)
 
 
 def check_width(path: Path, count: int) -> None:
-    """Raise ConfigError if a file has more columns than anybody looks at."""
+    """Raise ConfigError if a file has more columns than the supported maximum."""
     if count > MOST_COLUMNS:
         raise ConfigError(f"{path}: {count} columns; allowed: up to {MOST_COLUMNS}")
 
@@ -182,12 +182,12 @@ def check_time_first(path: Path, names: Sequence[str]) -> None:
 
 
 def nanoseconds_of(text: str) -> int:
-    """Return the start of a run as a file states it [ns since 1970]; 0 for anything but a time."""
+    """Return the run's start as stated in a file [ns since 1970]; 0 if the value is not a valid time."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 
 
 def column_signal(name: str, unit: str = "", is_whole: bool = False) -> Signal:
-    """Return the signal of a column: ours of that name, or one of which only the unit is known."""
+    """Return the signal of a column: ours with that name, or a new one with the unit only."""
     known = FAULT_IN_FORCE if name.startswith(FAULT_PREFIX) else COLUMNS.get(name)
     return known or Signal(unit, -_ALL, _ALL, "", is_whole=is_whole)
 
@@ -197,7 +197,7 @@ DAMAGED = "truncated or damaged"
 
 @contextmanager
 def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
-    """Raise errors in the context as ConfigError.
+    """Context that raises errors of an optional reader package as ConfigError.
 
     Files of this kind need a package, which the extra with the name of the kind installs.
     """
@@ -212,7 +212,7 @@ def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
 
 @contextmanager
 def as_config_errors(path: Path) -> Iterator[None]:
-    """Raise errors in the context, in which a file is read, as ConfigError."""
+    """Context that raises errors of reading a file as ConfigError."""
     try:
         yield
     except ConfigError:
@@ -224,7 +224,7 @@ def as_config_errors(path: Path) -> Iterator[None]:
 
 
 def cause_text(error: Exception) -> str:
-    """Return what another package's reader has raised, in one line; of damage that it is some."""
+    """Return the exception of another package's reader as one line; for damaged files a fixed text."""
     if isinstance(error, struct.error | EOFError | zlib.error):
         return DAMAGED
     return " ".join(str(error).split()) or type(error).__name__

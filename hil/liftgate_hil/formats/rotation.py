@@ -1,4 +1,4 @@
-"""Recording in one file, or in several of a limited size: `run.0001.csv`, `run.0002.csv`, … instead of `run.csv`.
+"""Recording into one file or several of limited size: `run.0001.csv`, `run.0002.csv`, … for `run.csv`.
 
 Beside formats that a kill corrupts (`.blf`, `.mf4`, `.parquet`, …) there are text files until these are complete:
 `run.mf4.log` holds the frames, `run.mf4.csv` the rows.
@@ -26,7 +26,7 @@ _SLICE = 512  # rows or frames after which the size is checked
 
 
 class Parts:
-    """Writer of one file or, with a limit, of several one after the other.
+    """Writer of one file or, with a limit, of several consecutive ones.
 
     Closing a file does not delay the next one. The files of an earlier recording are set aside; they count among
     those that a limit keeps, and are the first to be deleted. None of the `inputs` is.
@@ -55,34 +55,34 @@ class Parts:
 
     @property
     def files(self) -> list[str]:
-        """Paths of the files that are kept."""
+        """Paths of the recording's files that are kept."""
         return [str(path) for path in self._written]
 
     @property
     def texts(self) -> Sequence[str]:
-        """Paths of text files that hold the same as the open file until it is complete."""
+        """Paths of the text files that duplicate the open file until it is complete."""
         return self._part.texts
 
     @property
     def written(self) -> int:
-        """Bytes written so far to the open file."""
+        """Number of bytes written so far to the open file."""
         return self._part.written
 
     def begin(self, epoch_ns: int) -> None:
-        """Begin with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        """Begin the recording; wall clock at the run's start [ns since 1970], 0: none applies."""
         self._epoch_ns = epoch_ns
         self._part.begin(epoch_ns)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows (n, ROW_WIDTH), in another file once the limit is reached."""
+        """Write rows (n, ROW_WIDTH), into the next file once the limit is reached."""
         self._write(Writer.write_rows.__name__, rows)
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED, in another file once the limit is reached."""
+        """Write frames (n,) LOGGED, into the next file once the limit is reached."""
         self._write(Writer.write_frames.__name__, frames)
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] to the open file."""
+        """Write an operator's mark at a time [s] to the open file."""
         self._part.write_mark(time_s, text)
 
     def flush(self) -> None:
@@ -90,7 +90,7 @@ class Parts:
         self._part.flush()
 
     def close(self, is_whole: bool = True) -> None:
-        """Close the open file, unfinished if `is_whole` is false, and wait until all others are closed."""
+        """Close the open file, unfinished if `is_whole` is false, and wait until all earlier ones are closed."""
         try:
             self._part.close() if is_whole else self._part.leave()
         finally:
@@ -110,7 +110,7 @@ class Parts:
             self._most = max(self._most, self._part.written - before)
 
     def _rotate(self, limit: Limit) -> None:
-        """Continue in another file."""
+        """Continue the recording in the next file."""
         self._closing.append(self._pool.submit(self._part.close))
         self._part = self._next()
         self._part.begin(self._epoch_ns)
@@ -120,7 +120,7 @@ class Parts:
             each.result()
 
     def _delete_beyond(self, limit: Limit) -> None:
-        """Delete the oldest files, as far as there are more than the limit keeps."""
+        """Delete the oldest files beyond the number that the limit keeps."""
         while limit.keep is not None and len(self._earlier) + len(self._written) > limit.keep:
             remove = _remove_ours if self._earlier else Path.unlink
             oldest = (self._earlier or self._written).pop(0)
@@ -137,13 +137,13 @@ class Parts:
 
 
 def _remove_ours(path: Path) -> None:
-    """Delete a file of an earlier recording, unless it was replaced meanwhile. Raises OSError."""
+    """Delete a file of an earlier recording, unless it has been replaced since. Raises OSError."""
     if is_ours(path):
         path.unlink()
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside an earlier recording's files, but no `inputs`; return the paths. Raises ConfigError, OSError."""
+    """Set aside an earlier recording's files except `inputs`; return the paths. Raises ConfigError, OSError."""
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )
@@ -159,9 +159,9 @@ def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
 
 
 def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
-    """Return the files of an earlier recording with a limit, the oldest first; those set aside with `is_aside`.
+    """Return the files of an earlier recording with a limit, oldest first; `is_aside`: those set aside.
 
-    They are ours, and their numbers follow each other. A file alone whose number is not the first is no part, as
+    The files are ours, with consecutive numbers. A file alone whose number is not the first is no part, as
     a rotation keeps two at least: `drive.2024.csv` may be a recording of that year.
     """
     found = {number: each for number, each in _numbered(path, is_aside).items() if is_ours(each)}
@@ -170,7 +170,7 @@ def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
 
 
 def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
-    """Return the files that are named as parts of a recording with a limit, by their numbers."""
+    """Return the files that are named as parts of a limited recording, by number."""
     stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
     pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
     matches = ((pattern.fullmatch(each.name), each) for each in path.parent.iterdir())
@@ -178,9 +178,9 @@ def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
 
 
 class SalvagedWriter:
-    """Writer of a file with text files beside it, which are deleted once the file itself is complete.
+    """Writer of a file that also writes text files, which are deleted once the file is complete.
 
-    `signed` is the file if it is then noted that it is ours, see `ours`.
+    `signed` is the file if it is then to be marked as this program's, see `ours`.
     """
 
     def __init__(
@@ -192,41 +192,41 @@ class SalvagedWriter:
 
     @property
     def texts(self) -> list[str]:
-        """Paths of the text files, which hold the same as the file until it is complete."""
+        """Paths of the text files, which duplicate the file until it is complete."""
         return [str(path) for path, _ in self._texts]
 
     @property
     def written(self) -> int:
-        """Bytes written so far to the file itself."""
+        """Number of bytes written so far to the file itself."""
         return self._recorder.written
 
     def begin(self, epoch_ns: int) -> None:
-        """Begin all files with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        """Begin all files; wall clock at the run's start [ns since 1970], 0: none applies."""
         for each in self._all:
             each.begin(epoch_ns)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Write rows (n, ROW_WIDTH) to all files."""
+        """Write rows (n, ROW_WIDTH) to the file and the text files."""
         for each in self._all:
             each.write_rows(rows)
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED to all files."""
+        """Write frames (n,) LOGGED to the file and the text files."""
         for each in self._all:
             each.write_frames(frames)
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] to all files."""
+        """Write an operator's mark at a time [s] to all files."""
         for each in self._all:
             each.write_mark(time_s, text)
 
     def flush(self) -> None:
-        """Flush all files."""
+        """Flush the file and the text files."""
         for each in self._all:
             each.flush()
 
     def close(self) -> None:
-        """Complete the file and delete the text files. Raises RecordingError, which names them, if that fails."""
+        """Complete the file and delete the text files. Raises RecordingError, naming these, on failure."""
         try:
             self._recorder.close()
         except Exception as error:
@@ -243,7 +243,7 @@ class SalvagedWriter:
             path.unlink()
 
     def leave(self) -> None:
-        """Close all files after an error, and keep the text files."""
+        """Close all files after an error without deleting the text files."""
         for each in self._all:
             try:
                 each.close()

@@ -1,4 +1,4 @@
-"""File formats: one table of suffixes, with what a file of each format holds, who reads it and who writes it."""
+"""Table of file formats by suffix: what files of each format hold, and their readers and writers."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of a recording's files."""
+    """Limit on the size and number of a recording's files."""
 
     size: int  # bytes
     keep: int | None = None  # number of files that are kept, the latest ones; None: all
 
 
 class Format(NamedTuple):
-    """Format that a suffix stands for: how a file is written, and how it is read."""
+    """Format of a suffix: its reader, its writer, and what its files can hold."""
 
     read: Callable[[Path], Recording]
     write: Callable[[BinaryIO, Content], Writer] | None = None
@@ -40,7 +40,7 @@ class Format(NamedTuple):
 
 
 def _lazily(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a module of this package, loaded when it is called."""
+    """Return a function of a module in this package that is imported only when the function is called."""
 
     def call(*arguments: object) -> Any:
         return getattr(import_module(f"{__package__}.{module}"), name)(*arguments)
@@ -49,7 +49,7 @@ def _lazily(module: str, name: str) -> Callable[..., Any]:
 
 
 def _form(file: str, read: str, write: str, **holds: Any) -> Format:
-    """Return a format that a module of this package reads and writes, with what a file of it holds."""
+    """Return the format that a module of this package reads and writes; `holds` states what its files hold."""
     return Format(_lazily(file, read), _lazily(file, write), **holds)
 
 
@@ -87,5 +87,5 @@ PICTURES = (".png", ".svg", ".pdf", ".html")  # of recordings and vehicles
 
 
 def either(suffixes: Sequence[str]) -> str:
-    """Return suffixes as a choice in words: .csv, .log or .mf4."""
+    """Return suffixes joined as alternatives in words: .csv, .log or .mf4."""
     return f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"

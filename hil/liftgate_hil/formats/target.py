@@ -1,4 +1,4 @@
-"""Files to write to: inputs are refused, other content is set aside, and what cannot be written is reported."""
+"""Opening of output files: input files are refused, existing files set aside, errors reported."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path is something other than a plain file: a pipe, a device, a folder. Raises OSError."""
+    """Whether a path is no regular file but a pipe, a device or a folder. Raises OSError."""
     try:
         return not stat.S_ISREG(path.stat().st_mode)
     except FileNotFoundError:
@@ -29,14 +29,14 @@ def is_special(path: Path) -> bool:
 
 
 def why(error: OSError) -> str:
-    """Return the reason why a file could not be written."""
+    """Return as text why a file could not be written."""
     return _WORDS.get(error.errno or 0) or error.strerror or str(error)
 
 
 class PatientStream(io.RawIOBase):
-    """Stream to a pipe or a device whose reader is waited for no longer than `patience` [s] without any progress.
+    """Stream to a pipe or device that fails if its reader makes no progress for `patience` [s].
 
-    Writing raises TimeoutError then, and at once from then on.
+    Writing then raises TimeoutError, and does so at once from then on.
     """
 
     def __init__(self, descriptor: int, patience: float) -> None:
@@ -44,11 +44,11 @@ class PatientStream(io.RawIOBase):
         self._has_given_up = False
 
     def writable(self) -> bool:
-        """Whether it can be written to: yes."""
+        """Whether the stream can be written to: always true."""
         return True
 
     def write(self, data: Any) -> int:
-        """Write as many bytes as there is room for, at least one; return how many. Raises OSError."""
+        """Write as many bytes as fit, at least one; return the number. Raises OSError."""
         while not self._has_given_up:
             with suppress(BlockingIOError):
                 return os.write(self._descriptor, data)
@@ -61,14 +61,14 @@ class PatientStream(io.RawIOBase):
         )
 
     def close(self) -> None:
-        """Close the descriptor."""
+        """Close the file descriptor."""
         if not self.closed:
             super().close()
             os.close(self._descriptor)
 
 
 def is_one_of(path: Path, others: Iterable[Path]) -> bool:
-    """Whether a path leads to one of other files, by whatever name or link."""
+    """Whether a path leads to one of several files, by whatever name or link."""
     with suppress(OSError, ValueError):  # ValueError: a NUL in the name
         own = path.stat()
         if stat.S_ISREG(own.st_mode):
@@ -83,7 +83,7 @@ def _is_same(own: os.stat_result, other: Path) -> bool:
 
 
 def check_no_input(path: Path, inputs: Iterable[Path]) -> None:
-    """Raise ConfigError where a file to write is one that is read, by whatever name or link."""
+    """Raise ConfigError if an output file is one of the inputs, by whatever name or link."""
     if is_one_of(path, inputs):
         raise ConfigError(f"{path}: is an input file; allowed: another file")
 
@@ -95,9 +95,9 @@ def open_free(
     known: Callable[[Path], bool] = is_ours,
     patience: float | None = None,
 ) -> BinaryIO:
-    """Open an empty file for a recording, locked against other recorders until it is closed.
+    """Open an empty file for a recording, locked against other recorders; an existing file is set aside.
 
-    What is there is set aside, which is told, see `set_aside`. `patience`: see `open_target`. Raises ConfigError,
+    For setting aside, which is reported, see `set_aside`; for `patience`, `open_target`. Raises ConfigError,
     also for one of the `inputs`.
     """
     inputs = list(inputs)
@@ -109,7 +109,7 @@ def open_free(
 
 
 def open_target(path: Path, patience: float | None = None) -> BinaryIO:
-    """Open a file without content, and lock it against other recorders until it is closed. Raises ConfigError.
+    """Open an output file, emptied and locked against other recorders until closed. Raises ConfigError.
 
     `patience` is how long [s] the reader of a pipe may read nothing before writing fails; None: without limit.
     """
@@ -137,7 +137,7 @@ def open_target(path: Path, patience: float | None = None) -> BinaryIO:
 
 
 def open_salvage(path: Path) -> BinaryIO:
-    """Create the text file beside a recording that keeps the content if the program is killed; see `rotation`.
+    """Create the text file that keeps a recording's content if the program is killed; see `rotation`.
 
     It is locked against other recorders. Raises ConfigError, also if the file exists: it is not overwritten.
     """
@@ -156,7 +156,7 @@ def open_salvage(path: Path) -> BinaryIO:
 
 
 def _named(descriptor: int, path: Path) -> BinaryIO:
-    """Return a stream for a descriptor that has the path as its name."""
+    """Return a stream for a file descriptor, with the path as its name."""
     return open(path, "wb", opener=lambda *_: descriptor)  # Path.open has no opener
 
 
@@ -171,24 +171,24 @@ def check_free(path: Path) -> None:
 
 
 def aside_of(path: Path) -> Path:
-    """Return the name under which a file is set aside: `run.previous.mf4` for `run.mf4`."""
+    """Return the name for a file that is set aside: `run.previous.mf4` for `run.mf4`."""
     return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 
 def set_aside_text(path: Path, aside: Path) -> str:
-    """Return a text on a file that was there, and what it is called now."""
+    """Return a text for the user on an existing file that was set aside, with its new name."""
     return f"{path}: the recording that was there is now {aside}"
 
 
 def nothing(path: Path) -> bool:
-    """Recognise no file: the default of `known`."""
+    """Recognize no file as this program's: the default of `known`."""
     return False
 
 
 def set_aside(path: Path, known: Callable[[Path], bool] = nothing, kept: Iterable[Path] = ()) -> Path | None:
-    """Rename the file at a place, so that a new one replaces nothing; of a link, the file that it leads to.
+    """Rename an existing file at a path, so that a new one does not replace it; of a link, its target.
 
-    It gets the name `aside_of` it, or with a number where that is taken. A file that is `known` to be ours takes
+    The new name is `aside_of` the old one, numbered where that is taken. A file that is `known` to be ours takes
     the place of an earlier one that is, unless that is among the `kept` ones: one is kept. Return the new path;
     None: there was no regular file, or an empty one. Raises ConfigError.
     """
@@ -203,7 +203,7 @@ def set_aside(path: Path, known: Callable[[Path], bool] = nothing, kept: Iterabl
 
 
 def _renamed(place: Path, is_replaced: Callable[[Path], bool], kept: Iterable[Path]) -> Path:
-    """Rename a file to the first name that is free, or whose file is replaced; return the name. Raises OSError."""
+    """Rename a file to the first free or replaceable name; return that name. Raises OSError."""
     aside = first = aside_of(place)
     for number in itertools.count(2):
         if os.path.lexists(aside):

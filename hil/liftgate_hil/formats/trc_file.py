@@ -57,7 +57,7 @@ _RULE = """\
 
 
 class TrcWriter(StreamWriter):
-    """Writer of TRC 2.1, which holds data frames, CAN FD frames and remote frames."""
+    """Writer of bus logs in TRC 2.1, which holds data frames, CAN FD frames and remote frames."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         super().__init__(stream, content)
@@ -65,7 +65,7 @@ class TrcWriter(StreamWriter):
         self._number = count(1)
 
     def begin(self, epoch_ns: int) -> None:
-        """Write the header: the start of the run in local time, and its provenance as comments."""
+        """Write the header: the run's start in local time, and its provenance as comments."""
         super().begin(epoch_ns)
         start = local_of(epoch_ns // 1000)  # without a wall clock the beginning of 1970, as in ASC
         head = _HEAD.format(days=as_days(start), start=start)
@@ -93,7 +93,7 @@ class TrcWriter(StreamWriter):
         self._put("".join(f"{line}\n" for line in lines))
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s], as a comment."""
+        """Write an operator's mark at a time [s] as a comment."""
         self._put(f"; {time_s:.6f} s: {text}\n")
 
     def _put(self, text: str) -> None:
@@ -106,7 +106,7 @@ _USUAL = "N,O,T,I,d,l,D"
 
 
 def open_trc(path: Path) -> BusLog:
-    """Open a log in TRC. Raises ConfigError."""
+    """Open a bus log in TRC for reading. Raises ConfigError."""
     header = _Header(path)
     remarks = []
     stated = stated_in(header.start) if header.days is None else of_days(header.days)
@@ -119,7 +119,7 @@ _START = re.compile(r";\s*Start time:\s*(?P<start>.*)")
 
 
 class _Header:
-    """Header of a file: its version, its start and its columns."""
+    """Header of a TRC file: version, start time and columns."""
 
     def __init__(self, path: Path) -> None:
         self.version, self.start = "1.0", ""
@@ -155,7 +155,7 @@ class _Header:
 
 
 class _Lines(LogLines):
-    """Reader of the lines of a TRC file, whose header says its version and columns."""
+    """Parser of the lines of a TRC file, by the version and columns in its header."""
 
     def __init__(self, header: _Header, account: Account) -> None:
         super().__init__(account)
@@ -163,7 +163,7 @@ class _Lines(LogLines):
         self.place = {letter: place for place, letter in enumerate(header.columns)}
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
-        """Return the bus and the fields of the frame in a line; None: it is known to be none."""
+        """Return bus name and fields of the frame in a line; None if the line is known not to be a frame."""
         text = line.strip()
         if not text or text.startswith(";"):
             return None
@@ -174,19 +174,19 @@ class _Lines(LogLines):
         return self._read(self, number, words)
 
     def version_1_0(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Read number, time, identifier, length, data."""
+        """Parse a line of version 1.0: number, time, identifier, length, data."""
         return self._version_1(number, words[1], "1", "Rx", words[2], words[3:])
 
     def version_1_1(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Read number, time, type, identifier, length, data."""
+        """Parse a line of version 1.1: number, time, type, identifier, length, data."""
         return self._version_1(number, words[1], "1", words[2], words[3], words[4:])
 
     def version_1_2(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Read number, time, bus, type, identifier, length, data."""
+        """Parse a line of version 1.2: number, time, bus, type, identifier, length, data."""
         return self._version_1(number, words[1], words[2], words[3], words[4], words[5:])
 
     def version_1_3(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Read number, time, bus, type, identifier, a dash, length, data."""
+        """Parse a line of version 1.3: number, time, bus, type, identifier, a dash, length, data."""
         return self._version_1(number, words[1], words[2], words[3], words[4], words[6:])
 
     def _version_1(
@@ -204,7 +204,7 @@ class _Lines(LogLines):
         return _bus(bus), self._fields(time, way, _identifier(name), length, rest[1 : 1 + length])
 
     def version_2(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Read the columns that the header names."""
+        """Parse a line of version 2, whose columns the header names."""
         place = self.place
         kind = words[place["T"]].upper()
         if kind in _EVENTS:
@@ -248,10 +248,10 @@ _READERS: dict[str, Read] = {
 
 
 def _identifier(name: str) -> int:
-    """Return the identifier of hexadecimal digits: four of a base frame, eight of an extended one."""
+    """Return the identifier of hexadecimal digits: four for the base format, eight for the extended one."""
     return checked_identifier(int(name, 16), len(name) > 4)
 
 
 def _bus(word: str) -> str:
-    """Return the name of a bus by its number, which counts from 1; a dash stands for none."""
+    """Return the name of the bus with this number, counted from 1; a dash stands for none."""
     return bus_of(1 if word == "-" else int(word))

@@ -1,4 +1,4 @@
-"""Protocol of a file that a run is recorded to, whatever its format."""
+"""Protocol and base classes of the writers of recordings, whatever their format."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from liftgate_hil.formats.content import Content
 
 
 class Writer(Protocol):
-    """Writer of a recording; a format ignores what it cannot hold. Closing it completes the file."""
+    """Protocol of a recording's writer; a format ignores what it cannot hold. Closing completes the file."""
 
     @property
     def written(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written so far."""
 
     def begin(self, epoch_ns: int) -> None:
-        """Begin, once before all else: wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        """Begin the recording, before all else; wall clock at the run's start [ns since 1970], 0: none applies."""
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """Write rows (n, ROW_WIDTH), one per tick, in the order of signals.COLUMNS."""
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames on the bus (n,) LOGGED, of both directions, in order of time."""
+        """Write bus frames (n,) LOGGED of both directions, in order of time."""
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Write an operator's mark, an event with a text at a time [s] of the run."""
+        """Write an operator's mark: an event with a text at a time [s] of the run."""
 
     def flush(self) -> None:
-        """Pass what was written to the operating system, so that a kill loses none of it."""
+        """Pass written data to the operating system, so that a kill of the program loses none of it."""
 
     def close(self) -> None:
         """Complete the file."""
 
 
 class StreamWriter:
-    """Base class of the writers: by default rows, frames and marks are ignored, and closing closes the stream."""
+    """Base class of the writers: ignores rows, frames and marks, and closes the stream."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         self._stream = stream
@@ -48,21 +48,21 @@ class StreamWriter:
 
     @property
     def written(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written so far."""
         return self._written
 
     def begin(self, epoch_ns: int) -> None:
-        """Keep the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        """Keep the wall clock at the run's start [ns since 1970]; 0: none applies."""
         self._epoch_ns = epoch_ns
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """Ignore rows."""
+        """Ignore rows: the default of formats that hold none."""
 
     def write_frames(self, frames: Any) -> None:
-        """Ignore frames."""
+        """Ignore frames: the default of formats that hold none."""
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Ignore a mark."""
+        """Ignore an operator's mark: the default of formats that hold none."""
 
     def flush(self) -> None:
         """Flush the stream to the operating system."""
@@ -78,7 +78,7 @@ class StreamWriter:
 
 
 def truncated_to_us(epoch_ns: int) -> int:
-    """Return the wall clock at the start of a run [ns], truncated to microseconds.
+    """Return the wall clock at a run's start [ns], truncated to whole microseconds, in ns.
 
     So a frame's timestamp since the start is the same, in whole microseconds, in a log that has the wall clock.
     """
@@ -86,7 +86,7 @@ def truncated_to_us(epoch_ns: int) -> int:
 
 
 class MessageWriter(StreamWriter):
-    """Writer of frames by a writer of python-can."""
+    """Base class of writers of frames that use a writer of python-can."""
 
     def __init__(self, stream: BinaryIO, content: Content, writer: Any) -> None:
         from liftgate_hil.transport.messages import message_of
@@ -98,7 +98,7 @@ class MessageWriter(StreamWriter):
         self._zero_us = 0  # time by the wall clock from which the format's timestamps count [µs since 1970]
 
     def write_frames(self, frames: Any) -> None:
-        """Write frames (n,) LOGGED.
+        """Write frames (n,) LOGGED by python-can's writer.
 
         Timestamps are whole microseconds, as in candump's text, so that rounding does not depend on the format.
         """

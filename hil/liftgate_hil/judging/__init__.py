@@ -1,1 +1,1 @@
-"""Expectations of a run, and their verdicts."""
+"""Expectations of a run, the judge that evaluates them, and their verdicts."""

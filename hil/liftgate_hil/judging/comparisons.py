@@ -1,4 +1,4 @@
-"""The comparisons in a condition, for those who display them."""
+"""Comparisons within a condition, split into sides for display in plots and messages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _Piece = tuple[str, int, _Ops]  # text, its level, and its operations
 
 @dataclass(frozen=True)
 class Side:
-    """Side of a comparison: its text with the parameters' numbers in it, its operations, and its unit."""
+    """Side of a comparison: its text with parameters replaced by numbers, its operations, and its unit."""
 
     text: str
     ops: _Ops
@@ -43,17 +43,17 @@ class Side:
 
     @property
     def constant(self) -> float | None:
-        """Value of the side, where it reads neither a column nor a signal; else None."""
+        """Value of the side if it depends on no column or signal; else None."""
         if any(code in (COLUMN, SIGNAL) for code, _ in self.ops):
             return None
         return float(self.values({}, 1)[0])
 
     def names(self) -> list[str]:
-        """Return the columns and signals that it reads, each once."""
+        """Return the columns and signals that the side depends on, each once."""
         return list(dict.fromkeys(str(name) for code, name in self.ops if code in (COLUMN, SIGNAL)))
 
     def values(self, read: Mapping[str, Floats], count: int) -> Floats:
-        """Return its values in `count` ticks, from the columns and signals that it reads; NaN: it has none."""
+        """Return the side's values in `count` ticks, from the columns and signals in `read`; NaN: no value."""
         stack: list[Floats] = []
         with np.errstate(all="ignore"):
             for code, what in self.ops:
@@ -71,7 +71,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Relation:
-    """Two sides and the sign between them."""
+    """A comparison: two sides and the sign between them."""
 
     left: Side
     sign: str
@@ -79,12 +79,12 @@ class Relation:
 
     @property
     def text(self) -> str:
-        """The comparison as in the text of a condition."""
+        """The comparison as written in a condition."""
         return f"{self.left.text} {self.sign} {self.right.text}"
 
     @property
     def limit(self) -> tuple[Side, str, float] | None:
-        """The side, sign and number of a comparison with a number; None where both sides vary, or none."""
+        """Varying side, sign and number of a comparison with a number; None where both sides vary, or none."""
         turned = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
         left, right = self.left.constant, self.right.constant
         if right is not None and left is None and math.isfinite(right):
@@ -95,7 +95,7 @@ class Relation:
 
 
 def shown_name(column: str) -> str:
-    """Return the name of a column in conditions."""
+    """Return the name of a column as it is written in conditions."""
     if column.startswith(SENSED_PREFIX):
         return f"sensed.{column.removeprefix(SENSED_PREFIX)}"
     return column
@@ -103,7 +103,7 @@ def shown_name(column: str) -> str:
 
 @functools.lru_cache(_KEPT)
 def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
-    """Return the comparisons of a condition, in the order of its text, which is that of its units."""
+    """Return the comparisons of a condition, in the order of its text and of its `units`."""
     found: list[Relation] = []
     stack: list[_Piece] = []
     for code, what in condition.ops:
@@ -130,7 +130,7 @@ def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
 
 
 def sides_of(comparisons: Sequence[Relation]) -> list[Side]:
-    """Return the sides of comparisons that vary, each once."""
+    """Return the sides of comparisons that are not constant, each once."""
     sides = [side for each in comparisons for side in (each.left, each.right)]
     return list({side.text: side for side in sides if side.constant is None}.values())
 

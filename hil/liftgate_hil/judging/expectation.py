@@ -1,4 +1,4 @@
-"""Expectations of a run, as given in a scenario."""
+"""Expectations on a run, as defined in a scenario."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ PRESENT, ABSENT = STATES = ("present", "absent")  # of a trouble code
 
 @dataclass(frozen=True)
 class Expectation:
-    """A condition that holds always, eventually or never in a window, or a trouble code.
+    """A condition that must hold always, eventually or never in a time window, or a trouble code.
 
     The ECU reports a trouble code (`condition`) in a response in the window, or in none (`state`). `after` opens
     the window: a time [s], or the first time that a condition is true; `within` [s] is its length, to the run's
-    end where it is infinite. What holds eventually holds for `hold` [s] without interruption.
+    end where it is infinite. `hold` [s] is the hold time: how long a condition must hold without interruption.
     """
 
     name: str
@@ -33,18 +33,18 @@ class Expectation:
 
     @property
     def is_always(self) -> bool:
-        """Whether one tick can be enough to violate it, but not to fulfil it."""
+        """Whether a single tick can violate the expectation, but not fulfil it."""
         return self.kind in ("always", "never") or self.state == ABSENT
 
     @property
     def formula(self) -> str:
-        """The condition with its kind, as the file states it."""
+        """The condition with its kind, as written in the scenario file."""
         if self.kind == "dtc":
             return f"dtc {self.condition} {self.state}"
         held = f" for {self.hold:g} s without interruption" if self.hold else ""
         return f"{self.kind} {self.condition}{held}"
 
     def with_numbers(self, parameters: Mapping[str, float]) -> Expectation:
-        """Return the expectation with numbers for the scenario's parameters in its texts."""
+        """Return the expectation with the scenario's parameters in its texts replaced by numbers."""
         after = with_numbers(self.after, parameters) if isinstance(self.after, str) else self.after
         return replace(self, condition=with_numbers(self.condition, parameters), after=after)

@@ -1,4 +1,4 @@
-"""Expectations with their conditions, checked against a rig and a gate, and as tables for the evaluator."""
+"""Expectations with parsed conditions, validated against a rig and a gate, and as tables for the judge."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NEAR_DEG = 2.0  # from the end of its travel, where a motion counts as complete
 
 
 class PreconditionEnd(NamedTuple):
-    """Last request of a precondition, `open` or `close`, and the gate angle [deg] at which it ends."""
+    """Last request of a scenario's precondition, `open` or `close`, and the final gate angle [deg]."""
 
     action: str
     angle_deg: float
@@ -49,7 +49,7 @@ class PreconditionEnd(NamedTuple):
 
 @dataclass(frozen=True)
 class Expected:
-    """Expectations with their conditions, checked against a rig's database and a gate's drives."""
+    """Expectations with parsed conditions, validated against a rig's database and a gate's drives."""
 
     expectations: tuple[Expectation, ...]
     conditions: tuple[Condition, ...]  # each expectation's own, then the existing openers
@@ -64,9 +64,9 @@ class Expected:
     precondition_end: PreconditionEnd | None = None
 
     def not_completed(self, angle_deg: float) -> str:
-        """Return why the precondition was not completed; "": it was.
+        """Return as text why the precondition was not completed; "": it was.
 
-        `angle_deg` is where the gate was when the scenario began; NaN: unknown, taken as completed.
+        `angle_deg` is the gate angle when the scenario began; NaN: unknown, taken as completed.
         """
         end = self.precondition_end
         if end is None or not abs(angle_deg - end.angle_deg) > _NEAR_DEG:
@@ -76,7 +76,7 @@ class Expected:
         )
 
     def notes_on_begin(self, angle_deg: float) -> list[str]:
-        """Return a note where the precondition was not completed, or may not have been; `angle_deg` as above."""
+        """Return a note if the precondition was not, or maybe not, completed; `angle_deg` as above."""
         if self.precondition_end is not None and math.isnan(angle_deg):
             action = self.precondition_end.action
             return [f"precondition: {action}: no gate angle before {FIRST_S:g} s says whether it was completed"]
@@ -84,12 +84,12 @@ class Expected:
         return [f"{unmet}: the scenario begins there"] if unmet else []
 
     def margin_unit(self, place: int) -> str:
-        """Return the unit of an expectation's margin; "": none, or comparisons in several units decide it."""
+        """Return the unit of an expectation's margin; "": none, or it may be that of several comparisons."""
         units = {*self.conditions[place].units}
         return units.pop() if len(units) == 1 else ""
 
     def names(self, place: int) -> list[str]:
-        """Return the columns and signals that an expectation and its opener refer to, each once."""
+        """Return the columns and signals in an expectation and its opening condition, each once."""
         opener = self.openers[place]
         those = [self.conditions[place], *([self.conditions[opener]] if opener >= 0 else [])]
         found = [name for each in those for kind in (COLUMN, SIGNAL) for name in each.names(kind)]
@@ -108,7 +108,7 @@ def expected_of(
     begins: Iterable[tuple[str, Instant]] = (),
     precondition_end: PreconditionEnd | None = None,
 ) -> Expected:
-    """Return expectations with their conditions parsed, and checked against a database and a gate.
+    """Return expectations with their conditions parsed and validated against a database and a gate.
 
     `parameters` are those of the scenario, `messages` the database's by name, `drives` is the gate's number of
     drives, `source` the file that issues name. `awaited` are conditions that stimuli wait for, as expectations: if
@@ -161,7 +161,7 @@ def expected_of(
 def codes_of(
     expectations: Sequence[Expectation], diagnostics: Diagnostics | None, issues: ConfigIssues
 ) -> tuple[str, ...]:
-    """Return the trouble codes that expectations refer to; why they cannot be read is noted in `issues`."""
+    """Return the trouble codes that expectations refer to; `issues` gets why the bench cannot read any."""
     asking = [each for each in expectations if each.kind == "dtc"]
     codes = tuple(dict.fromkeys(each.condition for each in asking))
     if not asking:
@@ -178,9 +178,9 @@ def codes_of(
 
 
 def _reported(expectation: Expectation) -> Condition:
-    """Return the condition that a trouble code is reported, or is not.
+    """Return the condition that a trouble code is reported, or is not, as the expectation states.
 
-    Its value is 1 in a tick with a response that reports it, 0 in one with another response, and none in all
+    The code's value is 1 in a tick with a response that reports it, 0 in one with another response, none in all
     others.
     """
     code = expectation.condition
@@ -191,7 +191,7 @@ def _reported(expectation: Expectation) -> Condition:
 def tables_of(
     expected: Expected, rate: float, end: float, work: Work | None = None
 ) -> tuple[Expectations, Judged]:
-    """Return the tables of a judge before its first row, for rows at a `rate` [Hz] up to `end` [s]; see Judge.
+    """Return the initial tables of a judge, for rows at a `rate` [Hz] up to `end` [s]; see Judge.
 
     `work` is memory that other judges may use too, between their blocks.
     """

@@ -1,4 +1,4 @@
-"""Why an expectation failed, in words with its numbers: what was measured, what was allowed, when."""
+"""Reason for a failed expectation in words with numbers: what was measured and allowed, and when."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _COMPARISONS = (LT, LE, GT, GE, EQ, NE)
 
 
 def failure_of(expectation: Expectation, condition: Condition, progress: Any, last: float) -> str:
-    """Return why an expectation failed, from its row of PROGRESS.
+    """Return as text why an expectation failed, from its row of PROGRESS.
 
-    `last` [s] is the end of what was judged in its window. For example "pinch_force_n: 171.3 N, allowed below 150
+    `last` [s] is the end of the judged part of the window. For example "pinch_force_n: 171.3 N, allowed below 150
     N, at 18.45 s".
     """
     if expectation.kind == "dtc":
@@ -42,12 +42,12 @@ def failure_of(expectation: Expectation, condition: Condition, progress: Any, la
 
 
 def shown_time(time: float) -> str:
-    """Return the text of a time of a run [s], to the microsecond, with its unit."""
+    """Return a time of a run [s] as text, to the microsecond, with its unit."""
     return f"{round(float(time), 6):.12g} s"
 
 
 def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
-    """Return why an expectation of a trouble code failed."""
+    """Return as text why an expectation of a trouble code failed."""
     code = expectation.condition
     if expectation.is_always:
         return f"{code}: reported at {shown_time(progress.decided_at)}"
@@ -59,7 +59,7 @@ def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
 
 
 def _measured(condition: Condition, progress: Any) -> str:
-    """Return what the deciding comparison measured, with what it allows, and when."""
+    """Return as text what the deciding comparison measured, what it allows, and when."""
     decider, margin = int(progress.decider), float(progress.margin)
     comparison = comparisons_of(condition)[decider]
     unit, at = condition.units[decider], f"at {shown_time(progress.margin_at)}"
@@ -76,13 +76,13 @@ def _measured(condition: Condition, progress: Any) -> str:
 
 
 def _is_switch(name: str) -> bool:
-    """Whether a column is 0 or 1."""
+    """Whether a column's values are only 0 or 1."""
     column = COLUMNS.get(name)
     return column is not None and column.is_whole and (column.low, column.high) == (0.0, 1.0)
 
 
 def _sides(comparison: Relation) -> tuple[str, str, float]:
-    """Return what varies in a comparison, the sign between it and a number, and that number.
+    """Return the varying side of a comparison as text, the sign, and the number on the other side.
 
     If both sides vary, their difference is compared with 0.
     """
@@ -96,7 +96,7 @@ def _sides(comparison: Relation) -> tuple[str, str, float]:
 
 
 def negated(condition: Condition) -> list[bool]:
-    """Return whether only the negation of each comparison of a condition is allowed, in the order of its text."""
+    """Return for each comparison of a condition whether it is under a negation, in the order of its text."""
     found: list[bool] = []
     stack: list[list[int]] = []  # the comparisons in each truth value on the stack
     for code, _ in condition.ops:
@@ -113,7 +113,7 @@ def negated(condition: Condition) -> list[bool]:
 
 
 def _distinguished(value: float, limit: float) -> str:
-    """Return a value in as few digits as distinguish it from a limit, at least four."""
+    """Return a value as text with as few digits as distinguish it from a limit, at least four."""
     for digits in range(4, 17):
         shown = f"{value:.{digits}g}"
         if float(shown) != limit or value == limit:

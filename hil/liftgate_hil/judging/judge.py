@@ -1,4 +1,4 @@
-"""The judge of a run: processes rows and frames as they come, and returns the verdicts at the end."""
+"""The judge of a run: evaluates rows and frames as they come, and returns the verdicts at the end."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TIME = COLUMN_PLACE["time_s"]
 
 @dataclass(frozen=True)
 class Gap:
-    """A time span [s] in which some columns are unknown; without names: all of them."""
+    """Time span [s] in which some columns were not recorded; without names: all columns."""
 
     begin: float
     end: float
@@ -40,7 +40,7 @@ class Gap:
 
 
 class Judge:
-    """Judges rows and frames as they come; a Sink.
+    """Sink that judges the expectations of a run from rows and frames as they come.
 
     `rate` [Hz] is that of the rows, `end` [s] that of the run and of every window. A frame may wait for
     `tolerance` [s] until the gate processes it; None: on the rows' clock none waits, and the bench is never late.
@@ -75,11 +75,11 @@ class Judge:
 
     @property
     def reads_the_bus(self) -> bool:
-        """Whether the judge needs frames."""
+        """Whether the judge needs the frames on the bus."""
         return bool(self.expected.signals or self.expected.codes)
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Judge rows (n, ROW_WIDTH) and the frames up to them; later frames wait for their rows."""
+        """Judge rows (n, ROW_WIDTH) and the frames up to their time; later frames wait for their rows."""
         self._final = []
         if not self.reads_the_bus:
             frames = no_logged()
@@ -108,7 +108,7 @@ class Judge:
         self._marks = marks[seen:]
 
     def _judge(self, rows: NDArray[np.float64], frames: Any, marks: Any) -> int:
-        """Judge rows with the frames that came and their marks.
+        """Judge rows with frames and the frames' marks of trouble codes.
 
         Returns how many frames belong to these rows; the others wait for later ones.
         """
@@ -117,7 +117,7 @@ class Judge:
         return int(self._run(self._tables, self._judged, rows, frames, payloads, marks, self.end))
 
     def _progress(self, place: int) -> Progress:
-        """Return the progress of an expectation; at the end it is read once, as records are slow to read."""
+        """Return an expectation's row of PROGRESS; at the end a cached copy, as records are slow to read."""
         if self._final:
             return self._final[place]
         return Progress(*self._judged.progress[place].tolist())
@@ -125,11 +125,11 @@ class Judge:
     def verdicts(
         self, error: str = "", late: str = "", gaps: Sequence[Gap] = (), again: StepAgain | None = None
     ) -> list[Verdict]:
-        """Return the verdicts in the order of the file.
+        """Return the final verdicts in the order of the scenario file.
 
         `error` is why the run did not reach its end; `late` is how late the bench itself was, or which stimuli
         could not be applied, so that no verdict on the ECU is possible; `gaps` is what was not recorded. Where the
-        bench's lateness may have decided, `again` steps the gate again.
+        bench's lateness may have decided, `again` simulates the run again.
         """
         if self._not_made > 0.0 and not late:
             late = f"the bench did not apply {self._not_made:g} of the requested stimuli"
@@ -141,7 +141,7 @@ class Judge:
         return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
 
     def so_far(self) -> list[Verdict]:
-        """Return the verdicts that are decided so far, PENDING for the others, in the order of the file.
+        """Return the verdicts decided so far, PENDING for the others, in the order of the scenario file.
 
         The bench's lateness, which is known only at the end, may still change them.
         """
@@ -155,7 +155,7 @@ class Judge:
         return found
 
     def spoilt(self) -> str:
-        """Return the lateness of the bench after which what is not decided yet gets no verdict; "": none."""
+        """Return as text the lateness of the bench that prevents any further verdicts; "": there is none."""
         if self._timeliness is None:
             return ""
         worst = self._timeliness.worst(0.0, self._last)
@@ -164,16 +164,16 @@ class Judge:
         return worst.text if is_too_late and not all(self._progress(each).is_decided for each in places) else ""
 
     def late(self) -> str:
-        """Return when the bench was later than is tolerated, in all the run; "": it was not."""
+        """Return as text when the bench was later than tolerated in the run; "": it was not."""
         if self._timeliness is None:
             return ""
         found = self._timeliness.worst(0.0, math.inf)
         return found.text if found.seconds > self._timeliness.tolerance else ""
 
     def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
-        """Return the verdict if the bench's lateness in its window, until it was decided, has not decided it.
+        """Return the verdict, checked where the bench's lateness in the window may have decided it.
 
-        Otherwise the verdict is checked by `stepped_again`; its method says how. One that fails, or whose trigger
+        The check is by `stepped_again`; the verdict's method says how. A failure, or a verdict whose trigger
         never came, reports lateness before, which may have led to it.
         """
         progress, timeliness = self._progress(place), self._timeliness
@@ -207,9 +207,9 @@ class Judge:
         return replace(verdict, uncertainty=force or None)
 
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
-        """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`.
+        """Return the verdicts, made inconclusive where stimuli never came, or the bench was `late`.
 
-        So does a pass of a scenario that did not begin where its precondition should have ended, and a failure
+        So are a pass of a scenario that did not begin where its precondition should have ended, and a failure
         because a trouble code was not reported: what it reports may be the stimulus.
         """
         missed = [*filter(None, [self.expected.not_completed(self._began_deg)])]
@@ -232,11 +232,11 @@ class Judge:
         return [each if each.verdict == ERROR else Verdict(each.name, INCONCLUSIVE, reason=late) for each in found]
 
     def _waits_for_code(self, place: int) -> bool:
-        """Whether an expectation awaits a trouble code that has not come."""
+        """Whether an expectation concerns a trouble code and is not yet decided."""
         return self.expected.expectations[place].kind == "dtc" and not self._progress(place).is_decided
 
     def window(self, place: int) -> tuple[float, float] | None:
-        """Return from when to when [s] an expectation is judged, as far as known; None: it is not open yet."""
+        """Return begin and end [s] of an expectation's window, as far as known; None: it is not open yet."""
         progress = self._progress(place)
         if np.isnan(progress.begin):
             return None
@@ -244,7 +244,7 @@ class Judge:
         return begin, max(begin, end if math.isfinite(end) else self._last)
 
     def closest(self, place: int) -> float:
-        """Return the time [s] of the margin of an expectation so far; NaN: there is none."""
+        """Return the time [s] of an expectation's margin so far; NaN: there is none."""
         if self.expected.expectations[place].kind == "dtc":
             return math.nan
         return float(self._progress(place).margin_at)
@@ -280,7 +280,7 @@ class Judge:
         )
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
-        """Return the verdict, inconclusive if data missing in its window, or before it opens, could change it."""
+        """Return the verdict, inconclusive if data missing in or before its window could change it."""
         progress = self._progress(place)
         is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
@@ -300,7 +300,7 @@ class Judge:
         return verdict
 
     def _undecided(self, place: int) -> str:
-        """Return why there is no verdict on an expectation; "": there is one."""
+        """Return as text why there is no verdict on an expectation; "": there is one."""
         expectation, progress = self.expected.expectations[place], self._progress(place)
         if np.isnan(progress.begin):
             return f"its trigger never came: {expectation.after}"
@@ -326,7 +326,7 @@ class Judge:
 
     @staticmethod
     def _unanswered(answers: Answers, progress: Any, expectation: Expectation, end: float) -> str:
-        """Return why there is no verdict on a trouble code in a window up to a time [s]; "": there is one."""
+        """Return as text why there is no verdict on a trouble code up to a time [s]; "": there is one."""
         begins, ends = shown_time(progress.begin), shown_time(end)
         if progress.counted == 0:
             why = f"; the ECU refused {answers.refused}" if answers.refused else ""
@@ -338,7 +338,7 @@ class Judge:
         return ""
 
     def _reason_for(self, place: int, verdict: str) -> str:
-        """Return why an expectation failed; "" if it passed."""
+        """Return as text why an expectation failed; "" if it passed."""
         if verdict == PASS:
             return ""
         progress = self._progress(place)
@@ -347,9 +347,9 @@ class Judge:
         return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
 
     def notes(self) -> list[str]:
-        """Return notes that may explain verdicts.
+        """Return notes on the run that may explain its verdicts.
 
-        They name a precondition that was not completed, or may not have been, stimuli that were never made, and
+        Notes name a precondition that was not completed, or may not have been, stimuli that were never made, and
         faults that were in force too briefly.
         """
         came = self._came()
@@ -358,11 +358,11 @@ class Judge:
         return [*began, *briefly, *never_made(self.expected.begins, came, self._last)]
 
     def condition_times(self) -> dict[str, float]:
-        """Return when each condition with which a stimulus begins first came true [s], by its text."""
+        """Return when [s] each condition that starts a stimulus first became true, by its text."""
         return {condition: time for (condition, after), time in self._came().items() if after == 0.0}
 
     def _came(self) -> dict[tuple[str, float | str], float]:
-        """Return when each condition that stimuli wait for came true [s], by text and what it counted after."""
+        """Return when [s] each condition that stimuli wait for became true, by text and preceding instant."""
         first = len(self.expected.expectations) - self.expected.awaited
         return {
             (each.condition, each.after): float(self._progress(place).decided_at)
@@ -372,7 +372,7 @@ class Judge:
 
 
 def _first_angle(rows: NDArray[np.float64]) -> float:
-    """Return the first gate angle [deg] of the rows before `FIRST_S`; NaN: none has one."""
+    """Return the first gate angle [deg] in the rows before `FIRST_S`; NaN: there is none."""
     angles = rows[rows[:, _TIME] < FIRST_S, COLUMN_PLACE["gate_angle_deg"]]
     known = angles[np.isfinite(angles)]
     return float(known[0]) if len(known) else math.nan

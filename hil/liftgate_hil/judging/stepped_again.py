@@ -1,6 +1,6 @@
-"""Whether a verdict of a run in real time holds although the bench was late.
+"""Check by simulation whether a verdict of a real-time run holds although the bench was late.
 
-The gate is stepped again, in model time, with the ECU's commands as they arrived, and with them earlier and later
+The run is simulated again, in model time, with the ECU's commands as they arrived, and also earlier and later
 by the bench's lateness.
 """
 
@@ -18,7 +18,7 @@ LONGEST = 0.25  # s of lateness, up to which the gate is stepped again
 
 @dataclass(frozen=True)
 class SteppedAgain:
-    """The verdicts of a gate that was stepped again."""
+    """Verdicts of a run simulated again, with commands as they arrived, earlier and later."""
 
     as_they_arrived: Sequence[Verdict]  # in the order of the expectations
     earlier: Sequence[Verdict]
@@ -34,10 +34,10 @@ StepAgain = Callable[[float], SteppedAgain | None]
 def stepped_again(
     verdict: Verdict, place: int, late: float, force: float, why: str, again: StepAgain | None
 ) -> Verdict:
-    """Return the verdict of the expectation at a place of a run whose bench was `late` [s].
+    """Return the verdict of the expectation with index `place`, checked for a lateness of `late` [s].
 
-    `force` [N] is what this means for a margin that is a force. The verdict stays as it is if the gate stepped
-    again confirms it with room to spare, else it is inconclusive.
+    `force` [N] is the effect on a margin that is a force. The verdict stays as it is if the simulation
+    confirms it with room to spare, else it is inconclusive.
     """
     found = None if again is None or late > LONGEST else again(late)
     if found is None:

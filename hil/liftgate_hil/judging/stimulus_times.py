@@ -1,4 +1,4 @@
-"""Whether stimuli of a run were made, and faults in force for long enough, from the rows that the judge gets."""
+"""Check from a run's rows whether its stimuli were made, and its faults in force for long enough."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.stimuli.moments import Instant
 
 @dataclass(frozen=True)
 class TimedFault:
-    """When a fault is in force, and for how long [s] it must be so that it can be noticed.
+    """Start and end of a fault, and the time [s] that it must be in force to be noticeable.
 
     A fault of a message, or of what an ECU learns by messages, is bridged by the last message until its time-out.
     """
@@ -29,9 +29,9 @@ class TimedFault:
 def brief_faults(
     faults: Sequence[TimedFault], came: Mapping[tuple[str, float | str], float], last: float, step: float
 ) -> list[str]:
-    """Return a note for each fault that was in force, but for less time than it needs.
+    """Return a note for each fault that was in force for a shorter time than it needs.
 
-    `came` is when each condition came true [s], by its text and what it counted after (see `Scenario.awaited`);
+    `came` is when each condition became true [s], by text and preceding instant (see `Scenario.awaited`);
     `last` [s] is the end of the run. The end of a fault follows its start no sooner than by a `step` [s] of the
     rows.
     """
@@ -54,9 +54,9 @@ def brief_faults(
 def never_made(
     begins: Sequence[tuple[str, Instant]], came: Mapping[tuple[str, float | str], float], last: float
 ) -> list[str]:
-    """Return a note for each stimulus whose condition came true, but which would begin after the run's end.
+    """Return a note for each stimulus whose condition became true too late for it to begin in the run.
 
-    `begins` is what each stimulus is, and when it begins; `came` and `last` are as for `brief_faults`.
+    `begins` has the name and the start of each stimulus; `came` and `last` are as for `brief_faults`.
     """
     times = ((what, instant, _time_of(instant, 0.0, came)) for what, instant in begins if instant.condition)
     return [
@@ -68,7 +68,7 @@ def never_made(
 
 
 def _time_of(instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]) -> float:
-    """Return the time of an instant [s]; NaN: it has not come."""
+    """Return the time of an instant [s]; NaN: it did not occur."""
     if not instant.condition:
         return instant.time
     return came.get((instant.condition, after), math.nan) + instant.delay

@@ -1,4 +1,4 @@
-"""Expectations as tables, judged in machine code over blocks of rows and frames, live and from a recording.
+"""Expectations as tables, judged in machine code over blocks of rows and frames, live and from recordings.
 
 An expectation has a window, [begin, end], both ends included, that a time or a condition opens. In it a condition
 holds always, or eventually, or eventually for some time without interruption. The memory that this takes does not
@@ -35,7 +35,7 @@ EXPECTATION = np.dtype(
 
 
 class Progress(NamedTuple):
-    """Progress of an expectation."""
+    """Progress of the judgement of one expectation."""
 
     begin: float  # s, of the window; NaN: not open yet
     end: float
@@ -75,7 +75,7 @@ class Expectations(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """The progress of the expectations. Written in place."""
+    """Progress of all expectations. Written in place."""
 
     progress: Any  # (n,) PROGRESS
     stretches: Any  # STRETCH, the ring buffers
@@ -86,7 +86,7 @@ class Judged(NamedTuple):
 
 @compilable
 def forget_codes(expectations: Expectations, judged: Judged) -> None:
-    """Clear the values of the trouble codes, which have one only in ticks with a response."""
+    """Clear the values of the trouble codes, which exist only in ticks with a response."""
     first = len(judged.values) - expectations.codes
     for place in range(first, len(judged.values)):
         judged.values[place] = np.nan
@@ -94,7 +94,7 @@ def forget_codes(expectations: Expectations, judged: Judged) -> None:
 
 @compilable
 def take_codes(expectations: Expectations, judged: Judged, mark: int) -> None:
-    """Set the values of the trouble codes by a frame's mark, as in `diagnostics/answers.py`.
+    """Set the values of the trouble codes from a frame's mark, as in `diagnostics/answers.py`.
 
     Of two responses in a tick, either may report a code.
     """
@@ -114,7 +114,7 @@ def signals_in(
     marks: NDArray[np.int64],
     seen: int,
 ) -> int:
-    """Write the bus signals in each tick of a block, and return how many frames belong to it or to earlier ticks.
+    """Write the bus signals in each tick of a block; return the number of frames up to the block's end.
 
     The frames after the first `seen` are new. A frame counts from the first row whose time is its own or later, in
     whole microseconds.
@@ -137,7 +137,7 @@ def signals_in(
 
 @compilable
 def opened(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
-    """Set when the window of expectation `which` begins and ends.
+    """Determine begin and end of the window of expectation `which`.
 
     With an opening condition it begins at the first row of this block in which the condition is true, and stays
     unset (NaN) if there is none. Without one it begins at the configured time, which may be after this block.
@@ -157,7 +157,7 @@ def opened(expectations: Expectations, judged: Judged, which: int, rows: NDArray
 
 @compilable
 def note_margin(progress: Any, kind: int, time: float, margin: float, decider: int) -> None:
-    """Keep a margin if it is the smallest so far (kind ALWAYS) or the largest so far (kind EVENTUALLY)."""
+    """Update an expectation's margin: the smallest (kind ALWAYS) or largest (kind EVENTUALLY) counts."""
     better = margin < progress.margin if kind == ALWAYS else margin > progress.margin
     if better or np.isnan(progress.margin):
         progress.margin, progress.margin_at, progress.decider = margin, time, decider
@@ -167,9 +167,9 @@ def note_margin(progress: Any, kind: int, time: float, margin: float, decider: i
 def note_stretch(
     own: Any, progress: Any, ring: Any, step: float, time: float, truth: bool, margin: float, decider: int
 ) -> None:
-    """Add one tick to an expectation that must hold for some time.
+    """Process one tick for an expectation with a hold time (`eventually … for`).
 
-    The smallest margin of each stretch that ends here is taken from a queue of those that can still be the
+    The smallest margin within the hold time that ends here comes from a queue of those that can still be the
     smallest.
     """
     first, count = own.stretch_first, own.stretch_count
@@ -195,9 +195,9 @@ def note_stretch(
 
 @compilable
 def is_covered(progress: Any, begin: float, step: float) -> bool:
-    """Whether a stretch up to the current tick begins after the window's begin and the last tick without a value.
+    """Whether a hold time that ends in this tick began within the window and after the last tick without value.
 
-    `begin` [s] is that of the stretch; the accuracy is that of ticks of a `step` [s].
+    `begin` [s] is the hold time's begin; the accuracy is that of ticks of a `step` [s].
     """
     return bool(begin > progress.since - step + SLACK)
 
@@ -214,9 +214,9 @@ def has_held(progress: Any, begin: float, step: float) -> bool:
 def note_late(
     own: Any, progress: Any, step: float, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
-    """Note when the condition becomes true for the first time, in the ticks from `first` to before `last`.
+    """Note when the condition first becomes true after the window, in the ticks `first` to before `last`.
 
-    These are the ticks after the window.
+    These ticks are all after the window.
     """
     for i in range(first, last):
         time = rows[i, _TIME]
@@ -234,7 +234,7 @@ def note_late(
 
 @compilable
 def note_ticks(own: Any, progress: Any, work: Work, rows: NDArray[np.float64], first: int, last: int) -> None:
-    """Add the ticks from `first` to before `last` to an expectation that a single tick decides."""
+    """Process the ticks `first` to before `last` for an expectation that a single tick decides."""
     is_always, best, best_at, decided_at = own.kind == ALWAYS, progress.margin, -1, -1
     for i in range(first, last):
         margin = work.numbers[0, i]
@@ -253,7 +253,7 @@ def note_ticks(own: Any, progress: Any, work: Work, rows: NDArray[np.float64], f
 
 @compilable
 def judge_one(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
-    """Judge a block for one expectation."""
+    """Judge a block of rows for one expectation."""
     own, progress = expectations.rows[which], judged.progress[which]
     if np.isnan(progress.begin):
         opened(expectations, judged, which, rows)
@@ -286,7 +286,7 @@ def judge_one(expectations: Expectations, judged: Judged, which: int, rows: NDAr
 def note_stretches(
     own: Any, progress: Any, ring: Any, step: float, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
-    """Add the ticks from `first` to before `last` to an expectation that must hold for some time."""
+    """Process the ticks `first` to before `last` for an expectation with a hold time."""
     for i in range(first, last):
         margin = work.numbers[0, i]
         if np.isnan(margin):

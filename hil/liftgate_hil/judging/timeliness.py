@@ -1,4 +1,4 @@
-"""The lateness of the bench itself, bounded by the columns that report it, live and from a recording alike.
+"""Lateness of the bench itself, derived from the columns that report it, live and from recordings.
 
 The result does not depend on how many rows come at a time: live they come by a few, from a recording by thousands.
 Memory grows with late events, contacts and seconds of the run, not with the rows.
@@ -24,7 +24,7 @@ _ROWS = 512  # rows that are processed together
 
 
 class Lateness(NamedTuple):
-    """The longest wait that the bench caused, and its description; `seconds` is infinite if unknown."""
+    """Longest wait caused by the bench, with its description; `seconds` is infinite if unknown."""
 
     seconds: float
     text: str  # description: what it was, and when
@@ -32,7 +32,7 @@ class Lateness(NamedTuple):
 
 @dataclass
 class _Late:
-    """A time span in which the bench was late."""
+    """Time span in which the bench was late."""
 
     begin: float  # s
     end: float
@@ -40,7 +40,7 @@ class _Late:
     missed: int  # missed ticks; 0: it was something else
 
     def words(self) -> str:
-        """Return a description of the lateness."""
+        """Return a description of the lateness in words."""
         at = f"at about {self.begin:.3f} s"
         if self.missed:
             return f"{self.missed} {'tick was' if self.missed == 1 else 'ticks were'} missed {at}"
@@ -52,14 +52,14 @@ class _Late:
 
 @dataclass
 class _Second:
-    """Largest lateness of the bench and largest rate of change of the pinch force, in one second of the run."""
+    """Largest lateness of the bench and largest rate of change of the pinch force in one second of the run."""
 
     delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed
 
 
 class Timeliness:
-    """Evaluates rows as they come, `step` [s] apart; lateness up to `tolerance` [s] is what a bus may cause."""
+    """Evaluator of the bench's lateness in rows `step` [s] apart; up to `tolerance` [s] a bus may cause."""
 
     def __init__(self, tolerance: float, step: float) -> None:
         self.tolerance, self._step = tolerance, round(step, 9)  # from a recording it is an estimate
@@ -71,13 +71,13 @@ class Timeliness:
         self._contacts: list[tuple[float, float]] = []  # s, from when to when something was pinched
 
     def take(self, rows: NDArray[np.float64]) -> None:
-        """Process rows (n, ROW_WIDTH); those without these columns (NaN) are ignored."""
+        """Process rows (n, ROW_WIDTH); rows without lateness columns (NaN) are ignored."""
         self._waiting.append(rows[:, _PLACES])
         if sum(map(len, self._waiting)) >= _ROWS:
             self._look()
 
     def worst(self, begin: float, end: float) -> Lateness:
-        """Return the longest lateness from a time [s] to another."""
+        """Return the longest lateness between two times [s]."""
         self._look()
         hit = [each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK]
         delay = max((each.delay for each in self._within(begin, end)), default=0.0)
@@ -87,20 +87,20 @@ class Timeliness:
         return Lateness(max(longest.seconds, delay), f"the bench was late: {longest.words()}")
 
     def force_rate(self, begin: float, end: float) -> float:
-        """Return the fastest change of the pinch force from a time [s] to another [N/s].
+        """Return the fastest change of the pinch force [N/s] between two times [s].
 
-        It is the speed of what pinches times the stiffness of what is pinched.
+        This is the gate's speed at the obstacle times the obstacle's stiffness.
         """
         self._look()
         return max((each.force_rate for each in self._within(begin, end)), default=0.0)
 
     def pinches(self, begin: float, end: float) -> bool:
-        """Whether something was pinched at any time from one [s] to another."""
+        """Whether there was a pinch force at any time between two times [s]."""
         self._look()
         return any(first <= end + SLACK and last >= begin - SLACK for first, last in self._contacts)
 
     def _note_contacts(self, times: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Note from when to when there is a force; contacts that follow each other at once are merged."""
+        """Note begin and end of pinch forces; contacts that follow each other at once are merged."""
         touches = np.concatenate([[False], forces > 0.0, [False]])
         edges = np.flatnonzero(np.diff(touches.astype(np.int8)))
         for first, after in edges.reshape(-1, 2).tolist():
@@ -117,7 +117,7 @@ class Timeliness:
         ]
 
     def _look(self) -> None:
-        """Process the rows that have come."""
+        """Evaluate the rows collected so far."""
         waiting, self._waiting = self._waiting, []
         own = np.concatenate([np.empty((0, len(_PLACES))), *waiting])
         own = own[~np.isnan(own[:, 1:4]).any(axis=1)]
@@ -145,7 +145,7 @@ class Timeliness:
             second.force_rate = max(second.force_rate, float(rate[place]))
 
     def _note_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
-        """Note missed ticks; consecutive ones form one gap."""
+        """Note missed ticks; consecutive ones form one time span."""
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
@@ -161,7 +161,7 @@ class Timeliness:
         return next((each for each in reversed(self._late) if each.missed), None)
 
     def _note(self, begin: float, end: float, seconds: float) -> None:
-        """Note that something waited, merged with what waited at the same time."""
+        """Note a time span of lateness, merged with overlapping ones."""
         last = self._late[-1] if self._late else None
         is_more = last is not None and not last.missed and begin <= last.end + self._step
         if last is not None and is_more and math.isinf(seconds) == math.isinf(last.seconds):

@@ -1,6 +1,6 @@
-"""Trace summaries, from which expectations are plotted, collected while a run is in progress.
+"""Trace summaries, from which expectations are plotted, collected during a run.
 
-They contain the two sides of an expectation's comparisons around its window, in little memory.
+They contain both sides of each comparison in an expectation, around its window, in little memory.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_BINS = 1000  # about two per pixel of a plot's width
 
 
 class Envelope:
-    """Collects the ticks of some signals as they come.
+    """Collector of the ticks of some signals as envelopes: minimum and maximum per bin.
 
     A bin begins as one tick; where there is no room for more bins, neighbours are merged in pairs, so that memory
     and work do not grow with the run.
@@ -44,7 +44,7 @@ class Envelope:
         self._high = np.full((most, signals), np.nan)
 
     def add(self, times: Floats, values: Floats) -> None:
-        """Add ticks (n,) in the order of time with their values (n, signals); NaN: none."""
+        """Add ticks (n,) in order of time with their values (n, signals); NaN: no value."""
         count = len(times)
         if not count:
             return
@@ -60,7 +60,7 @@ class Envelope:
         self._seen += count
 
     def bins(self) -> tuple[Floats, Floats, Floats, int]:
-        """Return when each bin begins [s] (n,), its lowest and highest values (n, signals), and ticks per bin."""
+        """Return per bin: begin [s] (n,), lowest and highest values (n, signals), and the number of its ticks."""
         count = -(-self._seen // self._every)
         return self._times[:count], self._low[:count], self._high[:count], self._every
 
@@ -85,7 +85,7 @@ _NO_MARKS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Curve:
-    """A signal over time: lowest and highest value (n,) in each bin of its trace summary."""
+    """Course of a signal: lowest and highest value (n,) in each bin of its envelope."""
 
     side: Side
     low: Floats
@@ -94,7 +94,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class EnvelopeView:
-    """Envelopes (minimum and maximum per bin) of an expectation's signals over a part of the run."""
+    """Envelopes of an expectation's signals (minimum and maximum per bin) over a part of the run."""
 
     times: Floats  # s, (n,) when each bin begins
     ticks: int  # ticks per bin; 1: nothing was left out
@@ -104,7 +104,7 @@ class EnvelopeView:
 
 @dataclass(frozen=True)
 class TraceSummary:
-    """The content of a plot of an expectation."""
+    """Trace summary of one expectation: the content of its plot."""
 
     condition: tuple[Relation, ...]
     opener: tuple[Relation, ...]  # of the condition that opens the window; empty: a time does
@@ -114,7 +114,7 @@ class TraceSummary:
 
 
 class TraceSummarizer:
-    """Summarizes the traces of the expectations of a judge; a Sink, which must be called after the judge."""
+    """Sink that summarizes the traces of a judge's expectations; it must be called after the judge."""
 
     def __init__(self, judge: Judge, rate: float) -> None:
         expected = judge.expected
@@ -132,7 +132,7 @@ class TraceSummarizer:
         self._waits = 0
 
     def take(self, rows: Floats, frames: Any) -> None:
-        """Summarize rows and frames; few rows wait until there are enough of them."""
+        """Summarize rows and frames; small blocks of rows wait until there are enough."""
         if self._bus is None:
             frames = no_logged()
         if not self._waiting and len(rows) >= BLOCK:
@@ -144,7 +144,7 @@ class TraceSummarizer:
             self._flush()
 
     def trace_summaries(self) -> dict[str, TraceSummary]:
-        """Return the trace summary of each expectation, by its name."""
+        """Return the trace summary of each expectation, by name."""
         self._flush()
         found = {}
         for place, part in enumerate(self._parts):
@@ -194,7 +194,7 @@ class TraceSummarizer:
 
 @dataclass
 class _Part:
-    """The trace summary of one expectation while it is collected."""
+    """Trace summary of one expectation during its collection."""
 
     condition: tuple[Relation, ...]
     opener: tuple[Relation, ...]
@@ -209,7 +209,7 @@ class _Part:
 
     @classmethod
     def of(cls, expected: Expected, place: int) -> _Part:
-        """Return the part for the expectation at a place."""
+        """Return the empty trace summary of the expectation with index `place`."""
         is_drawn = expected.expectations[place].kind != "dtc"  # its opener is drawn anyway
         condition = tuple(comparisons_of(expected.conditions[place]) if is_drawn else ())
         opener = expected.openers[place]
@@ -243,14 +243,14 @@ class _Part:
 
 
 def _between(times: Floats, low: float, high: float, known: float) -> slice:
-    """Return the ticks from `low` to `high`, without those up to `known`."""
+    """Return the slice of the ticks from `low` to `high` that are after `known`, the last one added."""
     first = np.searchsorted(times, low)
     after = np.searchsorted(times, known, side="right")
     return slice(max(int(first), int(after)), int(np.searchsorted(times, high, side="right")))
 
 
 class _Bus:
-    """Values of the signals that expectations refer to, in each tick: the judge's code without expectations."""
+    """Decoder of the bus signals that expectations refer to, tick by tick, with the judge's compiled code."""
 
     def __init__(self, expected: Expected, rate: float) -> None:
         self._names = expected.signals
@@ -260,7 +260,7 @@ class _Bus:
         self._frames = no_logged()
 
     def signals(self, rows: Floats, frames: Any) -> Mapping[str, Floats]:
-        """Return the signals (n,) by name."""
+        """Return the decoded signals (n,) by name."""
         frames = np.concatenate([self._frames, frames]).view(np.recarray)
         found = np.empty((len(rows), len(self._names)))
         for first in range(0, len(rows), BLOCK):
@@ -274,7 +274,7 @@ class _Bus:
 
 
 def _with_parts(sides: list[Side], expected: Expected) -> list[Side]:
-    """Return the sides, plus each column and signal that a calculated side uses, as a side of its own."""
+    """Return the sides, and each column and signal used in a calculated side as a side of its own."""
     found = {side.text: side for side in sides}
     for side in sides:
         for code, what in side.ops if len(side.ops) > 1 else ():

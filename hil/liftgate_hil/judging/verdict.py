@@ -1,4 +1,4 @@
-"""Verdicts: pass, inconclusive, fail, error; of several, the worst counts. During a run also pending."""
+"""Verdicts: pass, inconclusive, fail, error, of which the worst counts; during a run also pending."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last
 # fmt: off
 @dataclass(frozen=True)
 class Verdict(DescribedResult):
-    """The verdict on an expectation.
+    """Verdict on an expectation, with its margin, times and reason.
 
-    `margin` is how much was left, negative for what failed, in `margin_unit`; None: undecided. `time_s` is when it
+    `margin` is the distance to failure, negative after it, in `margin_unit`; None: undecided. `time_s` is when it
     was decided: the first violation, the first fulfilment, else where the margin is; None: never. `reason`
     explains the verdict in words.
 
     `window_s` is from when to when it was judged, as far as the run went; None: the window never opened.
-    `margin_time_s` is the tick with the margin, with `for_s` the last tick of its stretch, and `decided_by` the
+    `margin_time_s` is the tick with the margin, with `for_s` the last tick of its hold time, and `decided_by` the
     comparison that the margin is of, with numbers for parameters. In real time, `uncertainty` is how far the
     bench's own lateness may have moved the margin, in its unit; None: not at all, or unknown. `method` says how
     the verdict was reached: DIRECT, from the run as it was, or REPLAY, the bench was late and the gate was stepped
@@ -58,7 +58,7 @@ class Verdict(DescribedResult):
     # fmt: on
     @property
     def has_margin(self) -> bool:
-        """Whether there is a margin to show: a state that is as it is compared (==) is at no distance from it."""
+        """Whether there is a margin to show; a state that is equal (==) as expected has no distance."""
         is_as_compared = self.margin == 0.0 and "==" in self.decided_by
         return self.margin is not None and not is_as_compared
 
@@ -75,7 +75,7 @@ def worst(verdicts: Iterable[str]) -> str:
 
 
 def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict as one line: with what was expected, or the reason, which states it.
+    """Return an expectation's verdict as one line, with what was expected or the reason, which states it.
 
     The reason of a failure also states the times. Of several comparisons the deciding one is named.
     """
@@ -92,14 +92,14 @@ def line_of(verdict: Verdict) -> str:
 
 
 def margin_text(verdict: Verdict) -> str:
-    """Return the margin with its uncertainty and unit; a dash where there is none."""
+    """Return a verdict's margin as text, with uncertainty and unit; a dash where there is none."""
     if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
     return _amount(verdict)
 
 
 def times_text(verdict: Verdict) -> str:
-    """Return when it was decided, and where that is another time, when the margin was reached; "": never."""
+    """Return as text when a verdict was decided and, if different, when the margin was reached; "": never."""
     if verdict.time_s is None:
         return ""
     if _has_two_times(verdict):
@@ -113,6 +113,6 @@ def _amount(verdict: Verdict) -> str:
 
 
 def _has_two_times(verdict: Verdict) -> bool:
-    """Whether the margin was reached at another time than the expectation was fulfilled."""
+    """Whether a verdict's margin was reached at another time than the expectation was fulfilled."""
     is_apart = verdict.margin_time_s not in (None, verdict.time_s)
     return verdict.has_margin and is_apart and verdict.verdict != FAIL

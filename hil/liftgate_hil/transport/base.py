@@ -1,4 +1,4 @@
-"""Interfaces of a bus for the loops."""
+"""Interfaces of the loops to a bus: Transport for Python loops, Line for the real-time loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from liftgate_hil.described_result import Shown
 
 
 class LinkCounts(NamedTuple):
-    """Counts of errors on the way to or from the wire."""
+    """Counts of errors on a bus or serial line, in sending and receiving."""
 
     # fmt: off
     send_failures: Annotated[int, Shown("frames that were not sent")] = 0
@@ -37,7 +37,7 @@ class LinkCounts(NamedTuple):
     # fmt: on
 
     def in_words(self) -> dict[str, str]:
-        """Return a text for each count that is not zero, by its name: 1 loss, 2 bus offs."""
+        """Return as text each count that is not zero, with its noun: 1 loss, 2 bus offs."""
         nouns = {name: name.replace("_", " ") for name in self._fields}
         singular = {name: noun.removesuffix("s") for name, noun in nouns.items()} | {"losses": "loss"}
         return {
@@ -51,7 +51,7 @@ NO_ERRORS = LinkCounts()
 
 
 class Transport(Protocol):
-    """Sends and receives frames, for the loops that hold the interpreter lock.
+    """Protocol of a bus for loops that hold the interpreter lock: sends and receives frames.
 
     Errors of the wire are counted, not raised; `receive` reopens a link that was lost.
     """
@@ -62,23 +62,23 @@ class Transport(Protocol):
 
     @property
     def is_up(self) -> bool:
-        """Whether the link is up, as far as is known."""
+        """Whether the link is up, as far as known."""
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """Return the frames that have arrived, as many as fit; wait up to `timeout` [s] for the first."""
+        """Return the arrived frames, as many as fit; wait up to `timeout` [s] for the first one."""
 
     def send(self, frames: Frames) -> None:
-        """Send frames."""
+        """Send frames on the link."""
 
     def counts(self) -> LinkCounts:
-        """Return the counts of errors so far."""
+        """Return the counts of the link's errors so far."""
 
     def close(self) -> None:
         """Close the link."""
 
 
 class Line(Protocol):
-    """A wire for the real-time loop: a socket that carries the kernel's CAN frames (`loop.datagrams`).
+    """Protocol of a bus for the real-time loop: a socket that carries the kernel's CAN frames (`loop.datagrams`).
 
     The number of the descriptor stays the same as long as the line is open, whatever happens to the wire.
     """
@@ -88,23 +88,23 @@ class Line(Protocol):
     threads: Sequence[int]  # native ids of the threads that carry its frames
 
     def drain(self) -> None:
-        """Drop all frames that have arrived so far, and count them as `before_start`."""
+        """Drop all frames that have arrived so far, counting them as `before_start`."""
 
     def watch(self, control: Any) -> str | None:
-        """Supervise the wire, about every 20 ms; return what changed, None if nothing did.
+        """Supervise the bus, called about every 20 ms; return what changed, None if nothing did.
 
         `control` is what the loop has seen of the wire (a row of `loop.rings.CONTROL`). Raises TransportError if
         the wire can no longer be used.
         """
 
     def dropped(self) -> int:
-        """Return the count of dropped frames, as `read_frames` gives it with a frame that comes; -1: not known."""
+        """Return the total of dropped frames, as `read_frames` also reports with a frame; -1: not known."""
 
     def counts(self) -> LinkCounts:
-        """Return the counts of errors so far, without those that the loop sees itself, and dropped frames."""
+        """Return the counts of errors so far, except those that the loop counts itself and dropped frames."""
 
     def close(self) -> None:
-        """Close the wire once all that was sent is on it."""
+        """Close the line once all sent frames are on the bus."""
 
 
 _STAMPED_NS = 3_600_000_000_000  # age up to which a timestamp is taken for one of this machine's wall clock
@@ -116,7 +116,7 @@ DRAIN_S = 1.0  # s, limit of draining if frames do not stop
 
 
 def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
-    """Drop all frames that have arrived so far; return how many, and how many with the identifier `command`."""
+    """Drop all frames that have arrived so far; return their number, and that with the identifier `command`."""
     count, commands, until, empty = 0, 0, time.monotonic() + DRAIN_S, 0
     while empty < _EMPTY and time.monotonic() < until:
         frames = transport.receive()
@@ -127,9 +127,9 @@ def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
 
 
 def age_of(stamp_s: float | None, unseen_ns: int) -> int:
-    """Return how long a frame that is received just now has waited [ns].
+    """Return how long a frame that is being received has waited since its arrival [ns].
 
-    `stamp_s` is its timestamp of arrival on the wall clock [s], None if it has none. `unseen_ns` is the time since
+    `stamp_s` is the timestamp of its arrival, by the wall clock [s], or None. `unseen_ns` is the time since
     all arrived frames were last read, or since the frame before came; the frame arrived within it, so that neither
     a step of the clock nor a pause between two looks at the clocks does harm.
     Without a valid timestamp a frame is taken to have waited for all of `unseen_ns` if that is long, else for 0.

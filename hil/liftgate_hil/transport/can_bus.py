@@ -1,4 +1,4 @@
-"""Transport over any bus that python-can supports."""
+"""Transport over any CAN bus that python-can supports."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _RETRY = 0.1  # s between two attempts to open a bus that was lost
 
 
 class CanTransport:
-    """A python-can bus. Raises TransportError if it cannot be opened.
+    """Transport over a python-can bus. Raises TransportError if the bus cannot be opened.
 
     A bus that fails while receiving is closed, and reopened as soon as that is possible.
     """
@@ -62,7 +62,7 @@ class CanTransport:
         self.is_up = True
 
     def _open(self) -> can.BusABC:
-        """Return an open bus; set `_recv`, which receives its messages, and `_drops`, which counts lost ones."""
+        """Return an opened bus; set `_recv`, which receives its messages, and `_drops`, which counts lost ones."""
         said: list[str] = []
         if self._interface == "socketcan":
             check_kernel(self.name)
@@ -91,7 +91,7 @@ class CanTransport:
         return bus
 
     def _reopen(self, timeout: float) -> None:
-        """Try to reopen a lost bus every _RETRY [s], and drop what waits; else sleep up to `timeout` [s]."""
+        """Try to reopen a lost bus every _RETRY [s], dropping old frames; else sleep up to `timeout` [s]."""
         now = time.monotonic()
         if now >= self._retry:
             self._retry = now + _RETRY
@@ -103,7 +103,7 @@ class CanTransport:
         time.sleep(min(timeout, _RETRY))
 
     def _fail(self, error: Exception) -> None:
-        """Count a failure to receive; an OSError, or many errors in a row, means that the bus is lost."""
+        """Count a receive failure; after an OSError or many errors in a row, treat the bus as lost."""
         self._note_drops()
         self._count("receive_failures")
         self._failures += 1
@@ -116,17 +116,17 @@ class CanTransport:
             self._bus.shutdown()
 
     def _count(self, name: str, count: int = 1) -> None:
-        """Add to a count of what was received, the field `name` of LinkCounts."""
+        """Increase a count of received or lost frames, the field `name` of LinkCounts."""
         counts = self._receiving
         self._receiving = counts._replace(**{name: getattr(counts, name) + count})
 
     def _note_drops(self) -> None:
-        """Count the frames that the kernel has dropped since the last look."""
+        """Count the frames that the kernel has dropped since the last call."""
         if self._drops is not None:
             self._count("dropped", self._drops.take())
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
+        """Return the arrived frames, up to CAPACITY; wait up to `timeout` [s] for the first one."""
         buffer = empty_frames(CAPACITY)
         count = 0
         if not self.is_up:
@@ -168,7 +168,7 @@ class CanTransport:
         return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
 
     def send(self, frames: Frames) -> None:
-        """Send frames; failures are counted."""
+        """Send frames on the bus; failures are counted."""
         for row in range(frames.count):
             message = message_of(frames, row)
             if self._echoes is not None:

@@ -1,4 +1,4 @@
-"""The serial line's frames: COBS( id:u16le, payload, crc:u16le ) 0x00.
+"""Frame format of the serial line: COBS( id:u16le, payload, crc:u16le ) 0x00.
 
 Identifier: 11 bits, 0 to 0x7FF, in two bytes, low byte first. Payload: 0 to 64 bytes; more than 8 only where the
 database has a CAN FD message. CRC: CRC-16/IBM-3740, also known as CRC-16/CCITT-FALSE, over identifier and payload
@@ -25,7 +25,7 @@ DELIMITER = b"\0"
 
 
 class BadFrames(NamedTuple):
-    """Numbers of bad frames received, by cause. A frame counts under exactly one."""
+    """Counts of bad frames received, by cause; each frame counts under exactly one."""
 
     cut: int = 0  # ends before its COBS code says
     long: int = 0  # more bytes without a zero than the longest frame has
@@ -45,7 +45,7 @@ def stuff(data: bytes) -> bytes:
 
 
 def unstuff(stuffed: bytes) -> bytes | None:
-    """Return the data that `stuff` encoded; None if the last code points beyond the end. `stuffed` has no zero."""
+    """Return the COBS-decoded data; None if the last code points beyond the end. `stuffed` has no zero."""
     runs = []
     at = 0
     while at < len(stuffed):
@@ -56,7 +56,7 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 def encode(identifier: int, payload: bytes) -> bytes:
-    """Return a frame with its delimiter. Raises ValueError if identifier or payload is out of range."""
+    """Return a serial frame with its delimiter. Raises ValueError if identifier or payload is out of range."""
     if not 0 <= identifier <= MAX_IDENTIFIER:
         raise ValueError(f"identifier {identifier:#x}; allowed: 0 to {MAX_IDENTIFIER:#x}")
     if len(payload) > MAX_PAYLOAD:
@@ -66,7 +66,7 @@ def encode(identifier: int, payload: bytes) -> bytes:
 
 
 class CobsDecoder:
-    """Decoder of bytes into whole frames, however they are cut into pieces. Keeps at most one unfinished frame."""
+    """Decoder of a byte stream into serial frames; keeps at most one incomplete frame between calls."""
 
     def __init__(self) -> None:
         self._pending = b""
@@ -75,7 +75,7 @@ class CobsDecoder:
 
     @property
     def counts(self) -> BadFrames:
-        """The numbers of bad frames so far."""
+        """Counts of bad frames so far."""
         return BadFrames(self._cut, self._long, self._short, self._crc, self._identifier)
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
@@ -90,7 +90,7 @@ class CobsDecoder:
         return frames
 
     def reset(self) -> None:
-        """Discard an unfinished frame, whose rest will not arrive."""
+        """Discard the incomplete frame, as its rest will not arrive."""
         self._pending, self._skipping = b"", False
 
     def _gather(self, piece: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Find and open the wire of `bus`, `serial`, python-can's own flags, or its own configuration."""
+"""Find and open the bus or serial port that `bus`, `serial` or python-can's options or configuration name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MISSING = (
 
 
 def parse_bus(text: str, default_bitrate: float) -> Mapping[str, object]:
-    """Return python-can's arguments for INTERFACE:CHANNEL[@BITRATE]; the channel may contain colons.
+    """Return python-can's arguments for a text INTERFACE:CHANNEL[@BITRATE]; the channel may contain colons.
 
     Raises ConfigError.
     """
@@ -63,7 +63,7 @@ def _no_bitrate(interface: str) -> str:
 
 
 def bus_arguments(choice: WireChoice, rig: Rig) -> Mapping[str, object]:
-    """Return python-can's arguments, from `bus`, from its own options, or from its own configuration.
+    """Return python-can's arguments from the option `bus`, from python-can's options or its configuration.
 
     Raises ConfigError.
     """
@@ -88,7 +88,7 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> Mapping[str, object]:
 
 
 def _with_configuration(given: Mapping[str, object]) -> Mapping[str, object]:
-    """Return these arguments as python-can completes them from can.conf and CAN_*. Raises ConfigError."""
+    """Return python-can's arguments, completed from can.conf and CAN_*. Raises ConfigError."""
     from liftgate_hil.config.can_libraries import can
 
     text = os.environ.get("CAN_CONFIG")
@@ -112,41 +112,41 @@ def _is_object(text: str) -> bool:
 
 
 class Way(NamedTuple):
-    """The address of a wire: python-can's arguments, or a serial port and its rate."""
+    """Address of a connection: python-can's arguments, or a serial port and its baud rate."""
 
     can: Mapping[str, object] | None
     serial: tuple[str, int] | None
     is_fd: bool
 
     def is_interface(self, name: str) -> bool:
-        """Whether the wire is a bus of the python-can interface `name`, such as socketcan."""
+        """Whether the connection is a bus of the python-can interface `name`, such as socketcan."""
         return self.can is not None and self.can["interface"] == name
 
     @property
     def interface(self) -> str:
-        """The name of python-can's interface, or serial."""
+        """Name of python-can's interface, or "serial"."""
         return "serial" if self.can is None else str(self.can["interface"])
 
     @property
     def reach(self) -> str:
-        """In words, who can reach the wire; "" if that is obvious."""
+        """In words, which other nodes can reach the connection; "" if that is obvious."""
         return self._about_multicast("reach")
 
     @property
     def within(self) -> str:
-        """In words, why no other process can reach the wire; "" if others can."""
+        """In words, why no other process can reach the connection; "" if others can."""
         if not self.is_interface("virtual"):
             return ""
         return "a virtual bus is within one process, another one cannot reach it; allowed: another `bus`"
 
     @property
     def apart(self) -> str:
-        """In words, how to separate the wire from that of another bench; "" if they cannot meet by accident."""
+        """In words, how to separate the bus from another bench's; "" if they cannot meet by accident."""
         return self._about_multicast("apart")
 
     @property
     def why_full(self) -> str:
-        """In words, why frames may find no room on the wire."""
+        """In words, why frames may be refused for lack of room in buffers."""
         if self.serial is not None:
             return "the line has no room, as its other end does not read, or its rate is too low"
         if self.is_interface("udp_multicast") or self.is_interface("virtual"):
@@ -161,12 +161,12 @@ class Way(NamedTuple):
         return str(getattr(multicast, what)(self.can))
 
     def bitrate(self, rig: Rig) -> float:
-        """Return the bit rate of the CAN bus [bit/s]; NaN for a serial line, where frames have other sizes."""
+        """Return the CAN bus's bit rate [bit/s]; NaN for a serial line, where frames have other sizes."""
         return math.nan if self.serial is not None else rig.bitrate
 
 
 def find_way(choice: WireChoice, rig: Rig) -> Way:
-    """Return the wire that the user chose. Raises ConfigError."""
+    """Return the address of the connection that the user chose. Raises ConfigError."""
     if choice.serial is None:
         return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
     if any((choice.bus, choice.interface, choice.channel, choice.bitrate, choice.is_fd)):
@@ -176,7 +176,7 @@ def find_way(choice: WireChoice, rig: Rig) -> Way:
 
 
 def open_transport(way: Way) -> Transport:
-    """Open the wire for the Python loop. Raises ConfigError, TransportError."""
+    """Open the connection for the Python loop. Raises ConfigError, TransportError."""
     if way.serial is not None:
         from liftgate_hil.transport.serial_port import SerialTransport
 
@@ -188,7 +188,7 @@ def open_transport(way: Way) -> Transport:
 
 
 def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda transport: transport) -> Line:
-    """Open the wire for the real-time loop; `seen_by` may wrap a transport in Python.
+    """Open the connection for the real-time loop; `seen_by` may wrap a transport in Python.
 
     Raises ConfigError, TransportError.
     """
@@ -202,7 +202,7 @@ def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda trans
 
 
 def check_serial(rig: Rig) -> None:
-    """Raise ConfigError if a rig has messages that a serial line cannot carry."""
+    """Raise ConfigError if a rig has messages that the serial line's format cannot carry."""
     names = dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs))
     issues = [
         f"{rig.source}: {name} has the 29-bit identifier {rig.messages[name].frame_id:#x}; allowed on a "

@@ -1,4 +1,4 @@
-"""Messages of python-can: validate them as frames, and convert them to and from ours."""
+"""Conversion between python-can's messages, after validation, and this project's frames."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _CLASSIC_BYTES = 8
 
 
 class NotAFrameError(ValueError):
-    """A message of python-can that cannot be a CAN frame; its text says what is allowed."""
+    """Raised for a python-can message that cannot be a CAN frame; its text says what is allowed."""
 
 
 class Fields(NamedTuple):
-    """The fields of a frame, as in `struct liftgate_frame`."""
+    """Fields of a frame, as in `struct liftgate_frame`."""
 
     identifier: int  # with SocketCAN's flags
     length: int  # of the payload; of a remote frame: the requested length
@@ -43,9 +43,9 @@ class Fields(NamedTuple):
 
 
 def fields_of(message: object) -> Fields:
-    """Return the fields of a message. Raises NotAFrameError if they are not those of a frame.
+    """Return the fields of a python-can message. Raises NotAFrameError if it is no valid frame.
 
-    Each of them may be anything: python-can's own check accepts values that compare false with everything, such as
+    Each field may be anything: python-can's own check accepts values that compare false with everything, such as
     NaN, and numbers with a fraction.
     """
     if not isinstance(message, _can.Message):
@@ -78,24 +78,24 @@ def fields_of(message: object) -> Fields:
 
 
 def put(fields: Fields, frames: Frames, row: int) -> None:
-    """Put a frame into a row of `frames`."""
+    """Write a frame's fields into a row of `frames`."""
     frames.identifiers[row] = with_frame_flags(fields.identifier, fields.flags)
     frames.lengths[row] = fields.length
     frames.data[row, : len(fields.data)] = np.frombuffer(fields.data, dtype=np.uint8)
 
 
 def message_of(frames: Frames, row: int) -> can.Message:
-    """Return a row of `frames` as a message."""
+    """Return a row of `frames` as a python-can message."""
     return _message(frames.identifiers[row], frames.lengths[row], frames.data[row], 0.0)
 
 
 def logged_message(row: Any) -> can.Message:
-    """Return a row of LOGGED as a message with its time."""
+    """Return a row of LOGGED as a python-can message with its timestamp."""
     return _message(row["identifier"], row["length"], row["payload"], row["time_ns"] * 1e-9)
 
 
 def _message(identifier: int, length: int, payload: NDArray[np.uint8], time_s: float) -> can.Message:
-    """Return the message of an identifier with its flags and a padded payload."""
+    """Return a python-can message with an identifier with flags and a padded payload."""
     identifier, length = int(identifier), int(length)
     flags = 0 if identifier & REMOTE else frame_flags(identifier)
     return message_of_fields(identifier, length, flags, payload[:length].tobytes(), time_s)
@@ -104,7 +104,7 @@ def _message(identifier: int, length: int, payload: NDArray[np.uint8], time_s: f
 def message_of_fields(
     identifier: int, length: int, flags: int, data: bytes | list[int], time_s: float
 ) -> can.Message:
-    """Return the message of a `struct liftgate_frame`."""
+    """Return the python-can message for a `struct liftgate_frame`."""
     is_remote = bool(identifier & REMOTE)
     return _can.Message(
         timestamp=time_s,

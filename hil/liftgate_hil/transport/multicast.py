@@ -1,6 +1,6 @@
-"""python-can's bus of UDP multicast datagrams: how far it reaches, and which datagrams are accepted.
+"""python-can's UDP multicast bus: its reach, and which datagrams are accepted.
 
-Its socket receives what is sent to the group from anywhere, even if its own frames do not leave the machine. So
+A socket receives what is sent to the group from anywhere, even if its own frames do not leave the machine. So
 senders on other machines are refused, unless python-can's own `hop_limit` says that the network is meant.
 """
 
@@ -36,11 +36,11 @@ _KNOWN = 64  # addresses that are remembered at most
 
 
 class RefusedError(Exception):
-    """A datagram of another machine, which is refused."""
+    """Raised for a datagram of another machine, which is refused."""
 
 
 def checked(arguments: Mapping[str, object]) -> Mapping[str, object]:
-    """Return python-can's arguments with a hop limit, by default 0.
+    """Return python-can's arguments completed with a hop limit, by default 0.
 
     With 0 the bus stays on this machine; with python-can's own default it leaves it. Raises ConfigError.
     """
@@ -62,7 +62,7 @@ def checked(arguments: Mapping[str, object]) -> Mapping[str, object]:
 
 
 def reach(arguments: Mapping[str, object]) -> str:
-    """Return in words how far a bus reaches, and whether frames can be lost on it unnoticed."""
+    """Return in words how far a multicast bus reaches, and whether it may lose frames unnoticed."""
     found = (
         "reaches this machine only, others are refused; allowed for a network: hop_limit above 0 in can.conf, or "
         "CAN_CONFIG='{\"hop_limit\": 1}'"
@@ -73,7 +73,7 @@ def reach(arguments: Mapping[str, object]) -> str:
 
 
 def apart(arguments: Mapping[str, object]) -> str:
-    """Return in words how a bus is kept separate from that of another bench on this machine."""
+    """Return in words how to keep a multicast bus separate from another bench's on this machine."""
     group = ipaddress.ip_address(str(arguments["channel"]))
     other = group + 1 if (group + 1).is_multicast else group - 1
     return (
@@ -83,7 +83,7 @@ def apart(arguments: Mapping[str, object]) -> str:
 
 
 def check_route(group: str) -> None:
-    """Raise TransportError if there is no route to a group, which python-can would not explain."""
+    """Raise TransportError if there is no route to a multicast group, an error python-can does not explain."""
     is_ipv4 = ipaddress.ip_address(group).version == 4
     try:
         with socket.socket(socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM) as probe:
@@ -100,7 +100,7 @@ def check_route(group: str) -> None:
 
 
 class Receiver:
-    """Receives the messages of a bus. Raises TransportError if python-can's internals are not as expected."""
+    """Receiver of a bus's messages. Raises TransportError if python-can's internals are not as expected."""
 
     def __init__(self, bus: Any, arguments: Mapping[str, object]) -> None:
         wire = getattr(getattr(bus, "_multicast", None), "_socket", None)
@@ -126,7 +126,7 @@ class Receiver:
         return message
 
     def _is_here(self, sender: tuple[Any, ...]) -> bool:
-        """Whether a sender's address is one of this machine."""
+        """Whether a sender's address belongs to this machine; cached."""
         now = time.monotonic()
         is_here, until = self._known.get(sender[0], (False, 0.0))
         if now >= until:
@@ -138,7 +138,7 @@ class Receiver:
 
 
 def unpacked(data: bytes, timestamp: float) -> can.Message:
-    """Return the message of a datagram, none of which is trusted. Raises NotAFrameError."""
+    """Return the python-can message in a datagram, whose content is validated. Raises NotAFrameError."""
     import msgpack
 
     try:
@@ -152,7 +152,7 @@ def unpacked(data: bytes, timestamp: float) -> can.Message:
 
 
 def _is_of_this_machine(sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    """Whether a sender is this machine: from outside the kernel accepts no packet with its own address."""
+    """Whether an address is this machine's: the kernel accepts no packet from outside with its own address."""
     address = ipaddress.ip_address(sender[0])
     if address.is_loopback:
         return True
@@ -168,7 +168,7 @@ def _is_of_this_machine(sender: tuple[Any, ...], group: ipaddress.IPv4Address | 
 
 
 def _hear_one_group(wire: socket.socket) -> None:
-    """Restrict a socket to its group: Linux passes it what is sent to any group that a process here has joined."""
+    """Restrict a socket to its own group; Linux delivers datagrams of any group joined on this machine."""
     with contextlib.suppress(OSError):  # another system, which has no such option
         if wire.family == socket.AF_INET6:
             wire.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
@@ -177,9 +177,9 @@ def _hear_one_group(wire: socket.socket) -> None:
 
 
 class Echoes:
-    """Tells a node's own frames, which some buses return to it, from those of others.
+    """Filter that recognizes a node's own frames when a bus returns them to it.
 
-    They return in the order in which they were sent; those sent before one that has returned are lost. One thread
+    Frames return in the order of sending; those sent before one that has returned are lost. One thread
     may send while another receives.
     """
 
@@ -188,12 +188,12 @@ class Echoes:
         self._lock = threading.Lock()
 
     def sending(self, identifier: int, data: bytes) -> None:
-        """Expect this frame to return; to be called before it is sent."""
+        """Register a frame as expected to return; call it before sending the frame."""
         with self._lock:
             self._pending.append((identifier, data))
 
     def is_echo(self, identifier: int, data: bytes) -> bool:
-        """Whether this frame is one that was sent from here."""
+        """Whether a received frame is a returned one of this node."""
         key = (identifier, data)
         with self._lock:
             if key not in self._pending:

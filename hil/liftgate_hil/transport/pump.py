@@ -1,4 +1,4 @@
-"""Pump: lets the real-time loop use any transport.
+"""Adapter by which the real-time loop uses any Transport.
 
 Two threads carry frames between the transport and a socket pair, whose other end is the loop's line.
 """
@@ -40,7 +40,7 @@ _LOOK_S = 0.01  # s until a thread that waits for frames sees, at the latest, th
 
 
 class Pump:
-    """A Line that carries the frames of a transport over a socket pair.
+    """Line that carries the frames of a Transport over a socket pair.
 
     Until `drain` is called for the first time, and while it runs, arriving frames are dropped, so that nothing
     queues up while a loop is compiled.
@@ -76,7 +76,7 @@ class Pump:
         self.threads: Sequence[int] = [each.native_id for each in self._threads if each.native_id is not None]
 
     def watch(self, control: Any) -> str | None:
-        """Return "is lost" or "is back" on a change, else None; raise TransportError if a thread has ended."""
+        """Return "is lost" or "is back" on a change, else None. Raises TransportError if a thread has ended."""
         self._control = control
         if self._failure is not None:
             raise TransportError(
@@ -89,7 +89,7 @@ class Pump:
         return "is back" if is_up else "is lost"
 
     def drain(self) -> None:
-        """Drop all frames that have arrived so far, and count them as `before_start`."""
+        """Drop all frames that have arrived so far, counting them as `before_start`."""
         self._is_open = False
         self._drained.clear()
         self._wanted.set()
@@ -101,16 +101,16 @@ class Pump:
                 self._before_start += 1
 
     def dropped(self) -> int:
-        """Return how many frames were dropped before the transport read them, since the line was drained."""
+        """Return the number of frames dropped before the transport read them, since `drain`."""
         return self._transport.counts().dropped - self._dropped_before
 
     def counts(self) -> LinkCounts:
-        """Return the counts of the transport, with the frames that were dropped here in `before_start`."""
+        """Return the transport's counts; frames dropped by the pump are in `before_start`."""
         counts = self._transport.counts()
         return counts._replace(before_start=counts.before_start + self._before_start, dropped=0)
 
     def close(self) -> None:
-        """Send what is left, end the threads and close the transport."""
+        """Send the remaining frames, end the threads and close the transport."""
         self._theirs.shutdown(socket.SHUT_WR)  # frames still in it are read before its end
         self._threads[1].join(_LEAVE_S)
         self._stopping = True
@@ -121,7 +121,7 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """Return the loop's next datagram, b"" at the end; tell it the wait for this thread, not the driver."""
+        """Return the loop's next datagram, b"" at the end; report to the loop its wait for this thread."""
         try:
             datagram, ancillary, _, _ = self._ours.recvmsg(_ROW.size, _ANCILLARY)
         except OSError:  # closed while the driver blocked this thread
@@ -137,7 +137,7 @@ class Pump:
         return datagram
 
     def _guarded(self, way: Callable[[], None]) -> None:
-        """Carry frames one way; `watch` reports an exception that ends it: a run without frames is no run."""
+        """Carry frames in one direction; an exception that ends it is reported by `watch`."""
         try:
             way()
         except BaseException as error:
@@ -182,7 +182,7 @@ class Pump:
 
 
 class _Stint:
-    """Time for which the calling thread has been running."""
+    """Time for which the calling thread has been running without a pause."""
 
     def __init__(self) -> None:
         self._begin()
@@ -191,7 +191,7 @@ class _Stint:
         self._begun_ns, self._computed_ns = time.monotonic_ns(), time.thread_time_ns()
 
     def give_way(self) -> None:
-        """Sleep for a moment if the thread has hardly waited for _STINT_NS."""
+        """Sleep for a moment if the thread has been busy for _STINT_NS almost without waiting."""
         elapsed_ns = time.monotonic_ns() - self._begun_ns
         if elapsed_ns < _STINT_NS:
             return

@@ -1,4 +1,4 @@
-"""The kernel's buffer of a socket that frames are read from: how large it is, and how many frames it dropped."""
+"""A socket's receive buffer in the kernel: its size, and the number of frames dropped there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RECEIVE_BUFFER = 8 << 20  # bytes; the default of 208 KiB is 25 to 75 ms of a fu
 
 
 def enlarge(wire: socket.socket) -> None:
-    """Give a socket a receive buffer of RECEIVE_BUFFER, or as much as the kernel allows."""
+    """Enlarge a socket's receive buffer to RECEIVE_BUFFER, or as far as the kernel allows."""
     try:
         wire.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER)
     except OSError:  # not permitted
@@ -23,7 +23,7 @@ def enlarge(wire: socket.socket) -> None:
 
 
 def kernel_drops(wire: socket.socket) -> int:
-    """Return how many frames the kernel has dropped at a socket since it was opened, modulo 2³².
+    """Return the number of frames the kernel has dropped at a socket since its opening, modulo 2³².
 
     Reading does not reset the counter, whoever shares the socket. -1: the socket is closed, or the kernel does not
     tell (before Linux 4.12).
@@ -35,15 +35,15 @@ def kernel_drops(wire: socket.socket) -> int:
 
 
 def tells_drops() -> bool:
-    """Whether this kernel tells how many frames it drops."""
+    """Whether this kernel reports the number of frames that it drops."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         return kernel_drops(probe) >= 0
 
 
 class DropCounter:
-    """Counter of the frames that the kernel drops at a socket from now on; for one thread.
+    """Counter of frames that the kernel drops at a socket from its creation on; for one thread.
 
-    It goes on where the kernel's own counter overflows, if it looks before that has happened twice.
+    Overflows of the kernel's own counter do not matter, if `take` is called before it has overflowed twice.
     """
 
     def __init__(self, wire: socket.socket) -> None:
@@ -51,7 +51,7 @@ class DropCounter:
         self._last = kernel_drops(wire)
 
     def take(self) -> int:
-        """Return how many frames were dropped since the last call; 0 where that is not known."""
+        """Return the number of frames dropped since the last call; 0 if unknown."""
         last, now = self._last, kernel_drops(self._wire)
         if now < 0 or now == last:
             return 0

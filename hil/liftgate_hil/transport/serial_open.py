@@ -1,4 +1,4 @@
-"""Open serial ports: find the one that a flag names, and reopen one that was lost.
+"""Opening of serial ports: the one that a flag names, and one that was lost.
 
 Any kind of pyserial's ports is opened so that no later call waits for the other end.
 """
@@ -30,7 +30,7 @@ ALLOWED = (
 
 
 def parse_serial(text: str) -> tuple[str, int]:
-    """Return port or URL and baud rate of PORT[@BAUD]; an @ without a number after it belongs to the port's name.
+    """Return port or URL and baud rate of PORT[@BAUD]; an @ without a number after it is part of the port.
 
     Raises ConfigError.
     """
@@ -61,7 +61,7 @@ def parse_serial(text: str) -> tuple[str, int]:
 
 
 def check_device(name: str) -> None:
-    """Raise ConfigError if a path is no device, and OSError if it does not exist."""
+    """Raise ConfigError if a serial port's path is no device, and OSError if it does not exist."""
     if "://" in name or os.name != "posix":
         return
     try:
@@ -77,7 +77,7 @@ def check_device(name: str) -> None:
 
 
 def open_port(url: str, baudrate: int) -> Any:
-    """Return an open port that reads what is there and writes what has room. Raises whatever the driver raises."""
+    """Return an open serial port with non-blocking reads and writes. Raises whatever the driver raises."""
     import serial
 
     port = serial.serial_for_url(url, baudrate, do_not_open=True, timeout=0, exclusive=True)
@@ -99,7 +99,7 @@ def open_port(url: str, baudrate: int) -> Any:
 
 
 def close_port(port: Any) -> None:
-    """Close a port, whatever state it is in."""
+    """Close a serial port in whatever state it is."""
     # pyserial leaves a socket that the other end has reset to the garbage collector.
     line = getattr(port, "_socket", None)
     with contextlib.suppress(Exception):
@@ -110,12 +110,12 @@ def close_port(port: Any) -> None:
 
 
 def is_selectable(port: Any) -> bool:
-    """Whether `select` reports when there is something to read; not if pyserial reads ahead in a thread."""
+    """Whether `select` works for a serial port; not if pyserial reads ahead in a thread."""
     return type(port).fileno is not io.RawIOBase.fileno
 
 
 def has_room(port: Any, size: int) -> bool:
-    """Whether the port has room to write now. Raises OSError or ValueError if the port is gone."""
+    """Whether a port has room for writing now. Raises OSError or ValueError if the port is gone."""
     # pyserial's own non-blocking write spins until a full port has room again, and writes of other ports wait.
     line = port if is_selectable(port) else getattr(port, "_socket", None)
     if line is not None:
@@ -125,7 +125,7 @@ def has_room(port: Any, size: int) -> bool:
 
 
 class Reopener:
-    """Closes a lost port and tries to open it until that succeeds, in a thread of its own."""
+    """Thread that closes a lost port and tries to open it until that succeeds."""
 
     def __init__(self, url: str, baudrate: int, lost: Any) -> None:
         self._url = url
@@ -138,7 +138,7 @@ class Reopener:
         self._thread.start()
 
     def take(self) -> Any:
-        """Return the port once it is open; else None."""
+        """Return the reopened port once it is open; else None."""
         with self._lock:
             port, self._port = self._port, None
         if port is not None:
@@ -146,7 +146,7 @@ class Reopener:
         return port
 
     def stop(self) -> None:
-        """Give up; an attempt that is under way ends later, and closes what it opened."""
+        """Stop reopening; an attempt under way ends later, and closes a port that it opens."""
         with self._lock:
             self._stopped.set()
             port, self._port = self._port, None

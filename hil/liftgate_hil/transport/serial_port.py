@@ -1,4 +1,4 @@
-"""Frames over a serial line: any port that pyserial's serial_for_url accepts.
+"""Transport over a serial line: any port that pyserial's serial_for_url accepts.
 
 One thread may send while another receives; nothing here waits for the other end. Reading takes what is there.
 Writing passes to the port what it has room for; frames beyond that are dropped whole, and the one that was cut is
@@ -40,7 +40,7 @@ _CLASSIC_BYTES = 8
 
 
 class SerialTransport:
-    """A serial line. Raises ConfigError if the URL is invalid, TransportError if it cannot be opened."""
+    """Transport over a serial line. Raises ConfigError for an invalid URL, TransportError if it fails to open."""
 
     def __init__(self, url: str, baudrate: int = BAUDRATE) -> None:
         self.name = url
@@ -72,11 +72,11 @@ class SerialTransport:
 
     @property
     def is_up(self) -> bool:
-        """Whether the port is open."""
+        """Whether the serial port is open."""
         return self._port is not None
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
+        """Return the arrived frames, up to CAPACITY; wait up to `timeout` [s] for the first one."""
         deadline = time.monotonic() + timeout
         emptied_ns = self._emptied_ns
         self._read()
@@ -125,7 +125,7 @@ class SerialTransport:
             self._between = written == end
 
     def counts(self) -> LinkCounts:
-        """Return the counts of errors so far."""
+        """Return the counts of the line's errors so far."""
         bad = self._decoder.counts
         return LinkCounts(
             send_failures=self._send_failures,
@@ -140,7 +140,7 @@ class SerialTransport:
         )
 
     def close(self) -> None:
-        """Close the port, and stop reopening it."""
+        """Close the port, or stop reopening it."""
         if self._reopener is not None:
             self._reopener.stop()
             self._reopener = None
@@ -149,7 +149,7 @@ class SerialTransport:
             self._port = None
 
     def _read(self) -> None:
-        """Read and decode what is there."""
+        """Read the waiting bytes and decode them into frames."""
         port = self._open_port()
         if port is not self._read_last:  # the rest of a frame that was cut off will not arrive
             self._read_last = port
@@ -170,7 +170,7 @@ class SerialTransport:
             self._arrived.extend(self._decoder.feed(data))
 
     def _drop_what_waits(self, port: Any) -> None:
-        """Drop and count the frames that a port had held back when it was reopened."""
+        """Drop and count the frames that a reopened port had held back."""
         until = time.monotonic() + _DROP_S
         self._before_start += len(self._arrived)
         self._arrived.clear()
@@ -184,7 +184,7 @@ class SerialTransport:
             self._before_start += len(self._decoder.feed(data))
 
     def _write(self, data: bytes) -> int:
-        """Write what the port has room for; return how many bytes that were."""
+        """Write as many bytes as the port has room for; return their number."""
         port = self._open_port()
         if port is None:
             return 0
@@ -197,7 +197,7 @@ class SerialTransport:
             return 0
 
     def _wait(self, timeout: float) -> None:
-        """Wait until there is something to read; just briefly if the port cannot be waited for."""
+        """Wait until there is something to read; only briefly if the port does not support waiting."""
         port = self._port
         if port is None or not is_selectable(port):
             time.sleep(min(timeout, _POLL_S))
@@ -208,7 +208,7 @@ class SerialTransport:
             self._lose(port)
 
     def _lose(self, port: Any) -> None:
-        """Start to reopen a lost port; only one of the threads that see it fail does so."""
+        """Start reopening a lost port; of several threads that see it fail, only one does so."""
         with self._lock:
             if self._port is not port:
                 return
@@ -218,7 +218,7 @@ class SerialTransport:
             self._reopener = Reopener(self.name, self._baudrate, port)
 
     def _open_port(self) -> Any:
-        """Return the port, perhaps a reopened one; None while it is lost."""
+        """Return the open port, perhaps a reopened one; None while it is lost."""
         with self._lock:
             if self._reopener is not None:
                 self._port = self._reopener.take()

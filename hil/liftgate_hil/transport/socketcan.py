@@ -1,4 +1,4 @@
-"""SocketCAN: a raw socket for the real-time loop, which outlives its interface.
+"""Line over SocketCAN: a raw socket for the real-time loop that survives the loss of its interface.
 
 A raw socket whose interface was taken down works again once that is up; one whose interface was deleted never
 does. So the kernel's link events (rtnetlink) are followed, and a new socket is put under the old descriptor when
@@ -40,7 +40,7 @@ BRIEFLY = "was lost for a moment and is back"
 
 
 def interface_state(name: str) -> str:
-    """Return the state of an interface: ABSENT, DOWN, STOPPED or UP."""
+    """Return the state of a network interface: ABSENT, DOWN, STOPPED or UP."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             flags = _ask(probe, _SIOCGIFFLAGS, name)
@@ -50,7 +50,7 @@ def interface_state(name: str) -> str:
 
 
 def state_of(flags: int) -> str:
-    """Return the state that the flags of an interface mean: DOWN, STOPPED or UP."""
+    """Return the state that an interface's flags stand for: DOWN, STOPPED or UP."""
     if not flags & _IFF_UP:
         return DOWN
     return UP if flags & _IFF_RUNNING else STOPPED
@@ -62,7 +62,7 @@ def _ask(probe: socket.socket, request: int, name: str) -> int:
 
 
 def open_socket(name: str, is_fd: bool) -> socket.socket:
-    """Return a raw CAN socket on an interface. Raises OSError."""
+    """Return an opened raw CAN socket on an interface. Raises OSError."""
     raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     try:
         if is_fd:
@@ -82,9 +82,9 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
 
 
 class LinkEvents:
-    """The changes of state of an interface, in order, as the kernel reports them (rtnetlink(7)).
+    """State changes of a network interface, in order, as the kernel reports them (rtnetlink(7)).
 
-    They include states that had ended before they were read.
+    The states include those that had ended before they were read.
     """
 
     def __init__(self, name: str) -> None:
@@ -94,7 +94,7 @@ class LinkEvents:
         self._socket.setblocking(False)
 
     def take(self) -> list[str]:
-        """Return the states since the last call."""
+        """Return the interface's states since the last call."""
         states: list[str] = []
         try:
             while data := self._socket.recv(1 << 16):
@@ -106,7 +106,7 @@ class LinkEvents:
         return states
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening to link events."""
         self._socket.close()
 
     def _states_in(self, data: bytes) -> list[str]:
@@ -130,7 +130,7 @@ class LinkEvents:
 
 
 def check_kernel(name: str) -> None:
-    """Raise TransportError where Python or the kernel has no SocketCAN, whatever the interface's name."""
+    """Raise TransportError if Python or the kernel has no SocketCAN, whatever the interface."""
     text = f"socketcan:{name}: cannot be opened"
     if not hasattr(socket, "AF_CAN"):
         raise TransportError(f"{text}: Python has no AF_CAN here")
@@ -145,7 +145,7 @@ def check_kernel(name: str) -> None:
 
 
 class SocketCan:
-    """A Line over a SocketCAN interface. Raises TransportError if the interface cannot be opened."""
+    """Line over a SocketCAN interface. Raises TransportError if the interface cannot be opened."""
 
     def __init__(self, name: str, is_fd: bool = False) -> None:
         self.name = name
@@ -167,7 +167,7 @@ class SocketCan:
         self.descriptor = self._socket.fileno()
 
     def drain(self) -> None:
-        """Drop all frames that have arrived so far, and count them as `before_start`."""
+        """Drop all frames that have arrived so far, counting them as `before_start`."""
         until = time.monotonic() + DRAIN_S
         while time.monotonic() < until:
             try:
@@ -199,7 +199,7 @@ class SocketCan:
         return self._state
 
     def dropped(self) -> int:
-        """Return the kernel's count of frames that it has dropped; -1: not known."""
+        """Return the kernel's count of dropped frames; -1: not known."""
         return kernel_drops(self._socket)
 
     def counts(self) -> LinkCounts:
@@ -212,7 +212,7 @@ class SocketCan:
         self._socket.close()
 
     def _enter(self, state: str) -> None:
-        """Enter a state of the interface; a controller that is bus-off stays so, with its carrier or without."""
+        """Handle a new state of the interface; a controller in bus-off stays so, with or without carrier."""
         if self._state == BUS_OFF and state in (UP, STOPPED):
             return
         if self._state == UP and state != UP:
@@ -220,7 +220,7 @@ class SocketCan:
         self._state = state
 
     def _renew(self) -> None:
-        """Put a new socket under the descriptor if the interface is another one than the socket's."""
+        """Put a new socket under the old descriptor if the interface has been replaced."""
         with contextlib.suppress(OSError):  # gone again: the next call will report it
             index = socket.if_nametoindex(self.name)
             if index != self._index:

@@ -1,1 +1,1 @@
-"""Draft a rig for an unknown database by the names, units, ranges, labels and senders of its signals."""
+"""Draft a rig file for an unknown database from names, units, ranges, labels and senders of its signals."""

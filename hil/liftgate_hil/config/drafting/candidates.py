@@ -1,4 +1,4 @@
-"""Find the signals of a database that may carry a quantity, by their names, units, sides and senders."""
+"""Find the signals of a database that may carry a quantity, by name, unit, side (left, right) and sender."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class QuantityWords(NamedTuple):
-    """Words by which a signal for a quantity is recognized; without `sides` the quantity is the whole gate's."""
+    """Words by which a signal of a quantity is recognized; without `sides` the quantity is not one of a drive."""
 
     section: str  # section of a rig, or `panel`: those inputs that a test bench sets
     quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive
@@ -75,7 +75,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class SignalCandidate:
-    """A signal that may carry a quantity."""
+    """A signal of the database that may carry a quantity."""
 
     quantity: str
     message: Message
@@ -86,12 +86,12 @@ class SignalCandidate:
 
     @property
     def name(self) -> str:
-        """The name as MESSAGE.SIGNAL."""
+        """Name of the signal as MESSAGE.SIGNAL."""
         return f"{self.message.name}.{self.signal.name}"
 
     @property
     def unit(self) -> str:
-        """The unit in the database."""
+        """Unit of the signal in the database."""
         return (self.signal.unit or "").strip()
 
 
@@ -99,14 +99,14 @@ Found = dict[str, dict[str, list[SignalCandidate]]]  # section: quantity: candid
 
 
 class Search(NamedTuple):
-    """Candidates for each quantity, and the signals that were not chosen."""
+    """Result of the search: candidates for each quantity, and the signals that were not chosen."""
 
     found: Found  # several candidates for a quantity if nothing tells them apart
     not_chosen: Mapping[str, tuple[str, str]]  # MESSAGE.SIGNAL: quantity that it may be, and why it was not chosen
 
 
 def find_candidates(messages: Mapping[str, Message]) -> Search:
-    """Return the candidates for each quantity, and the signals that others are preferred to."""
+    """Return the best candidates for each quantity, and the signals that were not chosen."""
     found: Found = {"inputs": {}, "outputs": {}}
     speaks_of_gate = any(map(_speaks_of_gate, messages.values()))
     for message, section, sender in _roles(messages):
@@ -141,7 +141,7 @@ def _not_chosen(found: Found, best: Found) -> dict[str, tuple[str, str]]:
 
 
 def _why_rather(one: SignalCandidate, chosen: SignalCandidate) -> str:
-    """Return why another candidate was chosen, see `_best`."""
+    """Return as text why the chosen candidate was preferred to another one, see `_best`."""
     if chosen.fits and not one.fits:
         return f"{chosen.name} has a fitting unit"
     return (
@@ -150,7 +150,7 @@ def _why_rather(one: SignalCandidate, chosen: SignalCandidate) -> str:
 
 
 def _panel(message: Message) -> dict[str, SignalCandidate]:
-    """Return what a test bench's panel moves, by the exact names; empty if it does not move the obstacle."""
+    """Return the quantities that a test panel's message sets, by exact names; empty if none is of the obstacle."""
     names = {"".join(words_of(signal.name)): signal for signal in message.signals}
     found = {
         quantity: SignalCandidate(quantity, message, names[_joined(quantity)], True, True)
@@ -161,7 +161,7 @@ def _panel(message: Message) -> dict[str, SignalCandidate]:
 
 
 def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]]:
-    """Yield the relevant messages with their section of a rig, and the sender if it is neither ECU nor gate.
+    """Yield each relevant message, the rig's section for it, and its sender if that is neither ECU nor gate.
 
     The ECU's commands to the motors are inputs; what the gate receives from another node is `panel`, as it cannot
     send it; messages of all other senders may be outputs.
@@ -185,7 +185,7 @@ def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
 
 
 def _sensors(messages: Mapping[str, Message]) -> list[str]:
-    """Return the messages with readings of the drives' sensors; only those that name a gate, if some do."""
+    """Return the messages with sensor readings of the drives; if some name a gate, only those."""
     found = [name for name, message in messages.items() if any(map(_is_of_a_drive, _all_of(message, "outputs")))]
     return [name for name in found if _speaks_of_gate(messages[name])] or found
 
@@ -205,7 +205,7 @@ def _all_of(message: Message, section: str) -> Iterator[SignalCandidate]:
 
 
 def _commands(messages: Mapping[str, Message]) -> list[str]:
-    """Return the messages of the ECU that command the motors; only those that name a gate, if some do."""
+    """Return the ECU's messages that command the motors; if some name a gate, only those."""
     found = [
         name
         for name, message in messages.items()
@@ -216,7 +216,7 @@ def _commands(messages: Mapping[str, Message]) -> list[str]:
 
 
 def is_protection(message: Message, signal: Signal) -> str:
-    """Return "counter" or "checksum" if a signal is one by name and length; else ""."""
+    """Return "counter" or "checksum" if a signal is one by its name and length; else ""."""
     # Words of the message's own name say nothing about the signal.
     own = [word for word in words_of(signal.name) if word not in words_of(message.name)]
     concepts = concepts_in("_".join(own))
@@ -230,7 +230,7 @@ def is_protection(message: Message, signal: Signal) -> str:
 
 
 def _of(message: Message, signal: Signal, section: str) -> Iterator[SignalCandidate]:
-    """Yield the candidates of one signal."""
+    """Yield a candidate for each quantity that a signal may carry."""
     quantities = {"inputs": BUS_INPUTS, "outputs": BUS_OUTPUTS, "panel": PANEL}[section]
     own = concepts_in(signal.name)
     # The message's name counts where the signal's own name leaves it open.
@@ -255,7 +255,7 @@ def _of(message: Message, signal: Signal, section: str) -> Iterator[SignalCandid
 
 
 def _plain(quantity: str) -> str:
-    """Return the name of a quantity in databases: that of a true value has no prefix if no sensor measures it."""
+    """Return a quantity's name as databases use it: without "true_", unless a sensor measures it, too."""
     plain = quantity.removeprefix(TRUE_PREFIX)
     return quantity if plain in BUS_OUTPUTS else plain
 
@@ -265,20 +265,20 @@ def _joined(quantity: str) -> str:
 
 
 def _fits(kind: QuantityWords, own: frozenset[str], concepts: frozenset[str], signal: Signal) -> bool:
-    """Whether the name and the length of a signal may be those of a kind."""
+    """Whether a signal's name and length are possible for a kind of quantity."""
     if own & kind.avoids or not any(need <= concepts and need & own for need in kind.needs):
         return False
     return not kind.is_flag or signal.length == 1
 
 
 def _is_of(kind: QuantityWords, signal: Signal) -> bool:
-    """Whether a signal's unit, if known, is one of a kind's."""
+    """Whether a signal's unit, if known, is a unit of a kind of quantity."""
     dimensions = dimensions_named((signal.unit or "").strip())
     return not kind.dimensions or not dimensions or bool({*dimensions} & {*kind.dimensions})
 
 
 def _best(candidates: Sequence[SignalCandidate], speaks_of_gate: bool) -> list[SignalCandidate]:
-    """Return the best candidates: those that fit, have the exact name and name a gate, if there are such."""
+    """Return the best candidates of a quantity: by fitting unit, then exact name, then a name with "gate"."""
     tests = (
         lambda each: each.fits,
         lambda each: each.is_named,

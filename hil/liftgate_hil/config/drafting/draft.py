@@ -1,4 +1,4 @@
-"""Draft a rig: what is certain is mapped, the rest is listed as candidates with the reason, to be chosen."""
+"""Draft a rig file: certain signals are mapped, the others listed as candidates with the reason."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _WANTED = ("left_duty", "left_current", "gate_angle")  # an ECU hardly runs with
 
 @dataclass
 class Draft:
-    """The text of a rig, the mapped keys, what has to be filled in by hand (key and reason), and remarks."""
+    """A drafted rig: its text, the mapped keys, what has to be filled in by hand (key and reason), and remarks."""
 
     text: str
     mapped: list[str] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Draft:
 
 
 def draft_rig(database: str | Path, target: Path) -> Draft:
-    """Return the draft of a rig for a database, FILE or FILE#BUS, and a file `target`, which is not written.
+    """Draft a rig for a database, FILE or FILE#BUS; the rig file `target` is not written.
 
     Raises ConfigError.
     """
@@ -95,7 +95,7 @@ def draft_rig(database: str | Path, target: Path) -> Draft:
 
 
 def _buttons(lines: Mapping[str, list[DraftLine]], messages: Mapping[str, Message]) -> Iterator[str]:
-    """Yield comments on `[requests]`, and on what the ECU receives and may be a driver's button by its labels."""
+    """Yield comments on `[requests]`, and on signals to the ECU that may be a driver's button by their labels."""
     yield "\n# Not drafted: [requests], see docs/rig.md. Without it no request reaches an ECU on a bus.\n"
     commands = [line.message for line in lines["inputs"] if line.quantity.endswith(("_duty", "_direction"))]
     ecus = {sender for message in commands for sender in message.senders}
@@ -110,7 +110,7 @@ def _buttons(lines: Mapping[str, list[DraftLine]], messages: Mapping[str, Messag
 
 
 def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
-    """Yield comments with the signals that others were preferred to, and why."""
+    """Yield comments that list the signals that were not chosen for a quantity, and why."""
     if signals:
         yield "\n# Not drafted: another signal was chosen for the quantity.\n"
     for signal, (quantity, why) in sorted(signals.items())[:_MOST_OTHERS]:
@@ -120,7 +120,7 @@ def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
 
 
 def _unused(text: str, messages: Mapping[str, Message], used: set[str], told: Collection[str]) -> Iterator[str]:
-    """Yield comments with the signals of used messages that are neither in `text` nor already `told` of."""
+    """Yield comments that list signals and messages mentioned neither in the draft `text` nor in `told`."""
     left = [
         f"{name}.{signal.name}"
         for name in used
@@ -150,9 +150,9 @@ def _all(lines: Mapping[str, list[DraftLine]]) -> list[DraftLine]:
 
 
 def _by_side(found: Mapping[str, list[SignalCandidate]], tells_sides: bool) -> dict[str, list[SignalCandidate]]:
-    """Return the candidates with those of no side assigned to the drives.
+    """Return the candidates by quantity, those of unknown side assigned to the left and right drive.
 
-    A single one goes to the left drive, which a gate with one drive has. Several go to either drive, and so does a
+    A single candidate goes to the left drive, the only one of some gates. Several go to both drives, and so does a
     single one of a database that distinguishes sides.
     """
     result: dict[str, list[SignalCandidate]] = {}
@@ -184,13 +184,13 @@ def _lines_of(section: str, found: Mapping[str, list[SignalCandidate]]) -> Itera
 
 
 def _only(found: Mapping[str, list[SignalCandidate]], quantity: str) -> SignalCandidate | None:
-    """Return the candidate of a quantity; None if the other drive has the same candidates."""
+    """Return the first candidate of a quantity; None if the other drive has the same candidates."""
     other = quantity.replace("left_", "right_") if "left_" in quantity else quantity.replace("right_", "left_")
     return None if found.get(other) == found[quantity] else found[quantity][0]
 
 
 def _one_quantity_a_signal(lines: dict[str, list[DraftLine]]) -> None:
-    """Withdraw the lines of a signal that may be two quantities, as neither is certain."""
+    """Comment out all lines that map the same signal to several quantities, as none is certain."""
     for section, each in lines.items():
         for i, line in enumerate(each):
             others = [other.quantity for other in each if other.signal == line.signal]
@@ -202,7 +202,7 @@ def _one_quantity_a_signal(lines: dict[str, list[DraftLine]]) -> None:
 def _text(
     head: list[str], lines: Mapping[str, list[DraftLine]], messages: Messages, target: Path
 ) -> tuple[str, dict[str, str]]:
-    """Return the file's text, and why a rig made of it is refused: reasons by key."""
+    """Return the drafted file's text, and why a rig read from it is refused: reasons by key."""
     parts = list(head)
     for section, each in lines.items():
         parts += ["", f"[{section}]"]
@@ -225,7 +225,7 @@ def _text(
 
 
 def _withdraw(lines: dict[str, list[DraftLine]], faults: Mapping[str, str]) -> bool:
-    """Comment out lines that are refused; return whether there were any."""
+    """Comment out the lines of a draft that are refused; return whether there were any."""
     is_changed = False
     for each in lines.values():
         for i, line in enumerate(each):
@@ -250,7 +250,7 @@ def _withdraw(lines: dict[str, list[DraftLine]], faults: Mapping[str, str]) -> b
 def _missing(
     faults: Mapping[str, str], waiting: Mapping[str, str], mapped: list[str]
 ) -> Iterator[tuple[str, str]]:
-    """Yield key and reason of what the rig is still refused for, and of quantities it hardly works without."""
+    """Yield key and reason of each entry that the drafted rig lacks, or hardly works without."""
     for key, reason in faults.items():
         if key not in waiting:
             yield key, reason

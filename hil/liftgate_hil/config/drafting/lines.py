@@ -1,4 +1,4 @@
-"""The lines of a drafted rig: quantities, if their signals leave no doubt, and tables [messages.*] by names."""
+"""Lines of a drafted rig: quantities whose signals are certain, and tables [messages.*] by signal names."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NO_VALUE = {
 
 @dataclass(frozen=True)
 class DraftLine:
-    """A line `quantity = …`; with a reason it is commented out."""
+    """A line `quantity = …` of a drafted rig; with a reason it is commented out."""
 
     section: str
     quantity: str
@@ -52,15 +52,15 @@ class DraftLine:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the quantity is mapped."""
+        """Whether the line maps the quantity, i.e. is not commented out."""
         return not self.reason
 
     def withdrawn(self, reason: str) -> DraftLine:
-        """Return the line with a reason added, which comments it out."""
+        """Return a copy of the line with a reason added, which comments it out."""
         return replace(self, reason="; ".join(filter(None, (self.reason, reason))))
 
     def text(self) -> list[str]:
-        """Return the lines as they are written to the file."""
+        """Return the line as it is written to the file, perhaps as several lines."""
         value = quoted(self.signal)
         if self.keys:
             rest = "".join(f", {key} = {value}" for key, value in self.keys.items())
@@ -72,7 +72,7 @@ class DraftLine:
 
 
 def quoted(text: str) -> str:
-    """Return a text as a TOML string."""
+    """Return a text as a quoted TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -121,7 +121,7 @@ def line_for(section: str, quantity: str, candidate: SignalCandidate) -> DraftLi
 
 
 def _share_by_range(line: DraftLine, signal: Signal) -> DraftLine:
-    """Return the line of a duty without a unit: 0 to 100 is per cent, 0 to 1 a share, another range is unclear."""
+    """Return the line of a duty without a unit: range 0 to 100 is per cent, 0 to 1 a share, else unclear."""
     low, high = physical_range(signal)
     for top, unit in ((100.0, "%"), (1.0, "1")):
         is_fine = signal.is_float or abs(float(signal.scale)) <= 0.1 * top
@@ -135,7 +135,7 @@ def _share_by_range(line: DraftLine, signal: Signal) -> DraftLine:
 
 
 def _enumeration(line: DraftLine, signal: Signal, ours: tuple[str, ...]) -> DraftLine:
-    """Return the line of an enumeration: by labels that name our values, or by one bit that its name explains."""
+    """Return the line of an enumeration: values by the signal's labels, or by the name of a one-bit signal."""
     kind = next((kind for end, kind in _ENUMERATIONS.items() if line.quantity.endswith(end)), "")
     choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
     labels = {label.casefold() for label in choices.values()}
@@ -166,7 +166,7 @@ def _enumeration(line: DraftLine, signal: Signal, ours: tuple[str, ...]) -> Draf
 
 
 def _flag(line: DraftLine, signal: Signal, kind: str) -> str:
-    """Return the values of one bit whose name says what 1 means; "" if it does not."""
+    """Return `values` of a one-bit signal whose name tells what 1 means; "" if it does not."""
     concepts = concepts_in(signal.name)
     words = {*words_of(signal.name)}
     if signal.length != 1 or words & _NEGATED:
@@ -187,23 +187,23 @@ def _flag(line: DraftLine, signal: Signal, kind: str) -> str:
 
 
 def protections_of(message: Message, what: str) -> list[Signal]:
-    """Return the signals of a message that are counters or checksums by their names, as `what` says."""
+    """Return a message's signals that are of the type `what`, "counter" or "checksum", by their names."""
     return [signal for signal in message.signals if is_protection(message, signal) == what]
 
 
 def open_counters_of(message: Message) -> list[Signal]:
-    """Return the counters of a message that its drafted table leaves to choose."""
+    """Return a message's counters whose settings its drafted table leaves to the user."""
     counters = protections_of(message, "counter")
     return counters if len(counters) > 1 else [each for each in counters if _ends_early(each)]
 
 
 def _ends_early(counter: Signal) -> bool:
-    """Whether the database says that a counter goes less far than its length allows."""
+    """Whether a counter's maximum in the database is lower than its length in bits allows."""
     return counted_range(counter) != (0, 2**counter.length - 1)
 
 
 def _restricted(counter: Signal) -> str:
-    """Return the remark on a counter that goes less far than its length allows."""
+    """Return the remark on a counter whose maximum in the database is lower than its length allows."""
     (low, high), most, name = counted_range(counter), 2**counter.length - 1, quoted(counter.name)
     if low > 0:
         table = f"{{ signal = {name}, lowest = {low}, highest = {high} }}"
@@ -213,7 +213,7 @@ def _restricted(counter: Signal) -> str:
 
 
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
-    """Return the table of a message; commented out if nothing of the message is mapped yet."""
+    """Return the lines of a table [messages.NAME]; commented out if nothing of the message is mapped."""
     counters = protections_of(message, "counter")
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
@@ -238,7 +238,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
 
 
 def _checksum_lines(signal: Signal) -> list[str]:
-    """Return lines with each kind of checksum that has the length of a signal, for the user to choose from."""
+    """Return lines with each kind of checksum as long as a signal, for the user to choose from."""
     name = quoted(signal.name)
     kinds = ", ".join(kind for kind in KINDS if kind != "none")
     own = (

@@ -1,4 +1,4 @@
-"""The meaning of names of signals, messages and labels, in English and German, abbreviated as databases do."""
+"""Vocabulary of signal, message and label names in databases: English, German and abbreviations."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 @functools.lru_cache(100_000)
 def words_of(name: str) -> tuple[str, ...]:
-    """Return the words of a name in lower case: MotCurrLH_1 is mot, curr, lh, 1; rPwmLe, a ratio, is pwm, le."""
+    """Return the words of a name in lower case: MotCurrLH_1 gives mot, curr, lh, 1; rPwmLe, a ratio, pwm, le."""
     plain = _PREFIX.sub("", name.translate(_UMLAUTS))
     return tuple(part.lower() for part in _PART.findall(plain))
 
@@ -110,12 +110,12 @@ def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
 
 
 def is_message_counter(concepts: frozenset[str]) -> bool:
-    """Whether a signal with these concepts in its name counts messages, and not what a sensor measures."""
+    """Whether a signal with these concepts in its name is an alive counter, and no sensor reading."""
     return "counter" in concepts and not concepts & _MEASURED
 
 
 def side_of(*names: str) -> str:
-    """Return the side, left or right, from the first of the names that says it; "" if none does."""
+    """Return "left" or "right" by the first of these names that tells the side; "" if none does."""
     for name in names:
         sides = concepts_in(name) & {"left", "right"}
         if len(sides) == 1:
@@ -124,7 +124,7 @@ def side_of(*names: str) -> str:
 
 
 def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
-    """Return the labels by our value, for each value that exactly one label names."""
+    """Return the database's labels by the value of ours that they name, if exactly one label does."""
     found: dict[str, list[str]] = {}
     for label in choices.values():
         words = words_of(label)

@@ -1,1 +1,1 @@
-"""The figures of `plot`, a file each: `draw(subject)` of it returns the figure. `request.FIGURES` lists them."""
+"""The figures of `plot`, one per module, whose `draw(subject)` returns it; `request.FIGURES` lists them."""

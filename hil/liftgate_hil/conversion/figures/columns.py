@@ -1,4 +1,4 @@
-"""Figure of columns over time, related ones in one panel; and that of two recordings and their difference."""
+"""Figure of columns over time, related ones in one panel; also of two recordings and their difference."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
 def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
-    """Return the columns that are plotted by default: those that matter for a gate, or the first few.
+    """Return the columns plotted by default: those that matter for a gate, or the first few.
 
     In a bus log that is decoded by a rig, the signals of these columns come first. Counters and checksums of
     messages are not among them, unless there is nothing else.
@@ -69,7 +69,7 @@ def usual_columns(table: Recording, rig: str | None = None) -> list[str]:
 
 
 def _is_protection(name: str) -> bool:
-    """Whether a column is a counter, which says nothing else (no `TurnCounter`), or a checksum, by its name."""
+    """Whether a column is an alive counter (not e.g. `TurnCounter`) or a checksum, by its name."""
     message, _, signal = name.rpartition(".")
     own = [word for word in words_of(signal) if word not in words_of(message)]
     if "checksum" in concepts_in("_".join(own)):
@@ -78,7 +78,7 @@ def _is_protection(name: str) -> bool:
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
-    """Group related columns: those of both drives, with their sensor values. Raises ConfigError."""
+    """Group related columns for panels: both drives' with their sensed values. Raises ConfigError."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:
         panels.setdefault(_panel_of(name, table), []).append(name)
@@ -89,12 +89,12 @@ def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
 
 
 def _panel_of(name: str, table: Recording) -> tuple[str, str]:
-    """Return what the columns of one panel have in common: the name without its drive, and the unit."""
+    """Return the key of a column's panel: the name without the drive, and the unit."""
     return _SIDES.sub("", name), table.signals[name].unit
 
 
 def one_of_each(names: Sequence[str]) -> list[str]:
-    """Return the first column of each group of related ones."""
+    """Return the first of all columns that differ only in the drive or in the prefix `sensed_`, in their order."""
     found: dict[str, str] = {}
     for name in names:
         found.setdefault(_SIDES.sub("", name), name)
@@ -108,7 +108,7 @@ def run_picture(
     units: Mapping[str, str],
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
-    """Plot columns of one recording over time, one panel below the other, with its marks (time [s], text)."""
+    """Plot columns of one recording over time, panels one below the other, with its marks (time [s], text)."""
     with sheet(HEIGHT * len(panels) + 0.6, title) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
@@ -123,7 +123,7 @@ def run_picture(
 
 
 def _draw_marks(axes: Sequence[Axes], marks: Sequence[tuple[float, str]]) -> str:
-    """Draw numbered lines at the marks, and return their texts as a caption; "": there are none."""
+    """Draw numbered lines at an operator's marks, and return their texts as a caption; "": there are none."""
     for time, text in marks:
         dashes: Any = (0, (1, 4)) if text.startswith(COMMAND) else ":"
         for axis in axes:
@@ -152,7 +152,7 @@ def two_pictures(
     units: Mapping[str, str],
     time_tolerance: float,
 ) -> Figure:
-    """Plot columns of two recordings over each other, and beside them second minus first.
+    """Plot columns of two recordings over each other, and beside them the second minus the first.
 
     The difference is that to the nearest row of the second recording, within `time_tolerance` [s].
     """
@@ -184,14 +184,14 @@ def _repeated(count: int) -> list[tuple[str, Any, float]]:
 def _draw(
     axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str, is_held: bool
 ) -> None:
-    """Draw values over time; an input is held from its sample until the next one."""
+    """Draw values over time; an input is held constant from its sample until the next one."""
     colour, dashes, width = looks
     how = "steps-post" if is_held else "default"
     line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label, drawstyle=how)
 
 
 def _draw_difference(axis: Axes, times: Floats, difference: Floats, unit: str) -> None:
-    """Draw a difference, with its largest value, in its unit, and the time of that."""
+    """Draw a difference over time, labelled with its largest value, the unit and the time of it."""
     axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
     line(axis, times, difference, _DIFFERENCE, linewidth=1.2)
     known = np.flatnonzero(np.isfinite(difference))
@@ -209,7 +209,7 @@ def _draw_difference(axis: Axes, times: Floats, difference: Floats, unit: str) -
 
 
 def _label(name: str, unit: str) -> str:
-    """Return the axis label of one or several columns, on two lines if it is long."""
+    """Return the axis label for one or several columns, on two lines if it is long."""
     caption = axis_label(name)
     if "[" not in caption and unit:
         caption = f"{caption} [{clean(unit, 12)}]"
@@ -221,19 +221,19 @@ def _label(name: str, unit: str) -> str:
 
 
 def _common(names: Sequence[str]) -> str:
-    """Return what the names of both drives' columns have in common."""
+    """Return a name for both drives' columns: the common part of their names."""
     name = _SIDES.sub("", _SIDES.sub("", names[0]))
     return name if names[0] in COLUMNS else name.strip("._") or names[0]
 
 
 def _short(name: str) -> str:
-    """Return what distinguishes a column from the others in its panel."""
+    """Return a short label that distinguishes a column from the others in its panel."""
     words = [word for word in ("sensed", "left", "right") if word in name.lower()]
     return " ".join(words) or clean(name, 40)
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the requested columns, or the usual ones. Raises ConfigError."""
+    """Draw the figure of the requested columns, or of the usual ones. Raises ConfigError."""
     table = subject.recording()
     names = chosen(table, subject.columns) or usual_columns(table, subject.rig)
     if not names:

@@ -1,4 +1,4 @@
-"""Figure of the torques on a gate at rest over its angle, and of what its drives can do about them."""
+"""Figure of the torques on a resting gate over its angle, and of the torque that its drives can deliver."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PARTS: dict[str, tuple[str, str, Any, float]] = {
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the balance over the travel, and beside it where the seal acts. Raises ConfigError."""
+    """Draw the torques on the resting gate over its angle, enlarged where the seal acts. Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     link = rest.plant.link
     travel = math.degrees(gate.angle_of_extension(link, link.stroke))
@@ -61,7 +61,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def _near_closed(rest: Rest, travel: float) -> float:
-    """Return the width [deg] of the panel that shows the seal; 0: it has none, or is everywhere."""
+    """Return the width [deg] of the panel near closed that shows the seal; 0: no seal, or it acts everywhere."""
     rubber, link = rest.plant.seal, rest.plant.link
     if rubber.force == 0.0 or rubber.stiffness == 0.0:
         return 0.0
@@ -71,7 +71,7 @@ def _near_closed(rest: Rest, travel: float) -> float:
 
 
 def _draw_balance(axis: Axes, angles: Floats, balance: Balance) -> None:
-    """Draw each torque that there is, their sum, and the band in which friction holds the gate."""
+    """Draw each torque on the gate, their sum, and the band in which friction holds the gate."""
     axis.fill_between(
         angles, -balance.held_closing, balance.held_opening,
         facecolor="#eceff2", edgecolor="#b4bac2", hatch="///", linewidth=0.8, label="friction holds the sum",
@@ -88,7 +88,7 @@ def _draw_balance(axis: Axes, angles: Floats, balance: Balance) -> None:
 def _draw_drives(
     axis: Axes, angles: Floats, rest: Rest, balance: Balance, stalled: SteadyTurning, rated: SteadyTurning
 ) -> None:
-    """Draw what the drives give at stall and rated, after their friction, and what the gate asks for."""
+    """Draw the drives' torque at stall and rated, after their friction, and the torque that the gate needs."""
     for along, word, colour in ((OPENING, "opening", FINAL), (CLOSING, "closing", INITIAL)):
         for turning, how, dashes, width in ((stalled, "stalled", "-", 1.8), (rated, "rated", (0, (5, 2)), 1.8)):
             own = (along * turning.torques[0], along * turning.torques[1])

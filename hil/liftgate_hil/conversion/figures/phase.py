@@ -1,4 +1,4 @@
-"""Figure of a run's phase portrait: gate rate over gate angle, opening and closing told apart."""
+"""Figure of a run's phase portrait: gate rate over gate angle, opening and closing distinguished."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CAPTION = (
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the gate's rate over its angle, with start and end of the time window. Raises ConfigError."""
+    """Draw the gate's rate over its angle, with start and end of the time window marked. Raises ConfigError."""
     found, remark = taken(subject, _NEEDED)
     columns = complete(found, _NEEDED)
     if not len(columns["time_s"]):
@@ -49,7 +49,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def _thinned(columns: Columns) -> Columns:
-    """Return at most _MOST rows, at equal distances along the path: at rest there are most of them."""
+    """Return at most _MOST rows, evenly spaced along the path, as most rows are of the gate at rest."""
     angles, rates = (columns[name] for name in _NEEDED)
     if len(angles) <= _MOST:
         return columns
@@ -64,7 +64,7 @@ def _thinned(columns: Columns) -> Columns:
 def _draw_part(
     axis: Axes, angles: Floats, rates: Floats, moves: NDArray[np.bool_], label: str, colour: str, dashes: object
 ) -> None:
-    """Draw the instants at which the gate moves to one side, with those before and after each motion."""
+    """Draw the rows in which the gate moves in one direction, and the rows just before and after."""
     shown = moves.copy()
     shown[1:] |= moves[:-1]
     shown[:-1] |= moves[1:]
@@ -73,7 +73,7 @@ def _draw_part(
 
 
 def _mark(axis: Axes, start: tuple[float, float], end: tuple[float, float], times: tuple[float, float]) -> None:
-    """Mark and name start and end; a ring around a square shows both if they coincide."""
+    """Mark and label start and end of the path; a ring around a square shows both where they coincide."""
     looks: dict[str, Any] = {"color": INK, "linestyle": "none", "zorder": 5}
     axis.plot(*([each] for each in start), marker="o", markersize=11, fillstyle="none", mew=1.8, **looks)
     axis.plot(*([each] for each in end), marker="s", markersize=5, **looks)

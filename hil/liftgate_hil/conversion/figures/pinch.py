@@ -1,4 +1,4 @@
-"""Figure of the contact with the largest pinch force: force with a limit, gate angle and motor current."""
+"""Figure of the contact with the largest pinch force: force and limit, gate angle, motor currents."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NEEDED = ("gate_angle_deg", "gate_rate_degps", "pinch_force_n")
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw force, angle and currents around the contact, on one time axis. Raises ConfigError."""
+    """Draw force, angle and currents around the largest contact, on one time axis. Raises ConfigError."""
     path, limit = subject.recording().path, subject.car().gate.pinch_limit
     found, remark = taken(subject, [*_NEEDED, "left_current_a"], ["right_current_a"])
     columns = complete(found, _NEEDED)
@@ -61,7 +61,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def contact_of(columns: Columns, event: PinchEvent, limit: float) -> Pinch:
-    """Return an event's contact, summed by the plant over its rows: peak, impulse, time over a limit [N].
+    """Return a contact's peak force, impulse and time over a limit [N], summed over its rows as in the plant.
 
     Between rows the force is taken as a straight line, also from the row before the first touch.
     """
@@ -75,7 +75,7 @@ def contact_of(columns: Columns, event: PinchEvent, limit: float) -> Pinch:
 
 
 def _draw_force(axis: Axes, picture: RunPicture, event: PinchEvent, contact: Pinch, limit: float) -> None:
-    """Draw the force with its limit, what is over that, and the numbers of the contact."""
+    """Draw the pinch force with its limit, the excess over the limit, and the contact's numbers."""
     times, forces = picture.columns["time_s"], picture.columns["pinch_force_n"]
     draw_force(axis, picture)
     axis.fill_between(

@@ -1,4 +1,4 @@
-"""Figure of a gate at rest over the road's slope: where it stays by itself, and which supply starts it."""
+"""Figure of a gate at rest over the road's slope: where it holds by itself, and which supply voltage moves it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DRIVEN: tuple[tuple[str, str, str], ...] = (
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the gate left alone over angle and slope, and driven over supply and slope. Raises ConfigError."""
+    """Draw the gate at rest over angle and slope, and driven over supply and slope. Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     found = map_of(rest)
     caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest)}"
@@ -70,7 +70,7 @@ _PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.5,
 
 
 def map_of(rest: Rest) -> StaticMap:
-    """Return the map that is drawn: over slopes, angles (close to each other near closed) and supply voltages."""
+    """Return the static map to draw: over slopes, angles (dense near closed) and supply voltages."""
     link = rest.plant.link
     travel = gate.angle_of_extension(link, link.stroke)
     slope = max(math.radians(_SLOPE), 1.1 * abs(rest.load.road_slope))
@@ -88,9 +88,9 @@ def _draw_areas(
     looks: tuple[tuple[str, str, str], ...],
     which: tuple[int, int, int, int],
 ) -> None:
-    """Fill the areas by the signs of two margins (across, up) with colour and hatch, with lines around them.
+    """Fill the areas of the signs of two margins (across, up) with colour and hatch, and draw their borders.
 
-    `which` are the looks where the first alone, the second alone, both, and none are positive.
+    `which` are the indices in `looks` where the first alone, the second alone, both, and none are positive.
     """
     from matplotlib.patches import Patch
 
@@ -111,7 +111,7 @@ def _draw_areas(
 
 
 def _name_least(axis: Axes, slopes: Floats, voltages: Floats, margins: Floats, text: str, end: str) -> None:
-    """Write a name at the left or right end of the line on which a margin (slopes, voltages) is 0, if any is."""
+    """Label the line on which a margin over (slopes, voltages) is 0, at its left or right end, if it exists."""
     column = len(slopes) // 16 if end == "left" else len(slopes) - 1 - len(slopes) // 16
     above = np.flatnonzero(margins[column] > 0.0)
     if len(above) and above[0] > 0:

@@ -1,4 +1,4 @@
-"""What a figure is of: a recording with its columns, a vehicle, or both; and what a figure is."""
+"""Subject of a figure (a recording with its columns, a vehicle, or both), and the drawn figure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DRAWN = 1e30  # values from there on are gaps, as in `drawing.line`
 
 
 class Drawn(NamedTuple):
-    """A figure, and its caption for those who do not see it."""
+    """A drawn figure, and its caption for readers who cannot see it."""
 
     figure: Figure
     caption: str
@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class FigureSubject:
-    """Subject of a figure; which parts it has, the figure's row in the catalogue says."""
+    """Subject of a figure: a recording, a vehicle, or both, as the figure's entry in the catalogue requires."""
 
     title: str
     table: Recording | None = None
@@ -44,29 +44,29 @@ class FigureSubject:
     vehicle_name: str = ""
 
     def recording(self) -> Recording:
-        """Return the recording. Raises ConfigError if there is none."""
+        """Return the subject's recording. Raises ConfigError if there is none."""
         if self.table is None:
             raise ConfigError("FILE: missing; allowed: a recording")
         return self.table
 
     def car(self) -> Vehicle:
-        """Return the vehicle. Raises ConfigError if there is none."""
+        """Return the subject's vehicle. Raises ConfigError if there is none."""
         if self.vehicle is None:
             raise ConfigError("`vehicle`: missing; allowed: a shipped name, a file")
         return self.vehicle
 
 
 class Taken(NamedTuple):
-    """Columns of a recording by our names, (n,), and a remark on those that are a sensor's."""
+    """Columns of a recording by our names, (n,), and a remark on those that hold sensor values."""
 
     columns: Columns
     remark: str  # a sentence; "": all of them are true values
 
 
 def taken(subject: FigureSubject, wanted: Sequence[str], optional: Sequence[str] = ()) -> Taken:
-    """Return the times, as `time_s`, and these columns by our names, in our units, (n,).
+    """Return the times, as `time_s`, and the wanted columns by our names, in our units, (n,).
 
-    A column that the recording lacks is replaced by its sensor's. A bus log has those that its rig maps. Times
+    A column that the recording lacks is replaced by its sensor's. A bus log has columns that its rig maps. Times
     rise; of rows at the same time the last one counts. Raises ConfigError with all of the `wanted` columns that
     are missing, and if there are fewer than two times in the window.
     """
@@ -93,13 +93,13 @@ def taken(subject: FigureSubject, wanted: Sequence[str], optional: Sequence[str]
 
 
 def complete(columns: Columns, names: Sequence[str]) -> Columns:
-    """Return the rows in which all of these columns have a finite value."""
+    """Return the rows in which all of several columns have a finite value."""
     kept = np.logical_and.reduce([np.isfinite(columns[name]) for name in names])
     return {name: values[kept] for name, values in columns.items()}
 
 
 class _Place(NamedTuple):
-    """Column of a table that holds one of ours: ours = scale · theirs + offset."""
+    """Column of a table that holds one of our columns: ours = scale · table's + offset."""
 
     column: str
     is_sensed: bool
@@ -108,7 +108,7 @@ class _Place(NamedTuple):
 
 
 def _places(table: Recording, rig: str | None, names: Sequence[str]) -> dict[str, _Place]:
-    """Return where those of our columns are that a table holds, as true or as sensed values."""
+    """Return which column of a table holds each of our columns `names`, as true or as sensed values."""
     signals = list(table.signals)
     wired = {} if rig is None else ours_in(rig, signals)
     wires = {} if rig is None else mappings_of(rig)

@@ -1,7 +1,7 @@
-"""Figure of a run in the thesis's arrangement.
+"""Figure of a run, arranged like the figures of the thesis.
 
 Voltage and current are in one plot (figure 4.5), below it motor speed and position (figures 4.6 to 4.10), and what
-its model computes besides: gate angle and drive force.
+the thesis's model computes besides: gate angle and drive force.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def _draw_electric(axis: Axes, columns: Columns) -> None:
-    """Draw currents, and on a second scale voltages, with the zeros of both at the same height."""
+    """Draw currents, and voltages on a second scale, with both zeros at the same height."""
     beside = axis.twinx()
     beside.set_zorder(axis.get_zorder() - 1.0)  # voltages lie under the currents
     axis.patch.set_visible(False)
@@ -80,7 +80,7 @@ def _draw_electric(axis: Axes, columns: Columns) -> None:
 
 
 def _bounds(columns: Columns, ending: str) -> tuple[float, float]:
-    """Return how far columns reach below and above zero, the latter at least 1."""
+    """Return how far columns extend below and above zero, the latter at least 1."""
     values = np.concatenate([columns[f"{side}{ending}"] for side in DRIVES if f"{side}{ending}" in columns])
     known = values[np.abs(values) < 1e30]
     if not len(known):
@@ -91,7 +91,7 @@ def _bounds(columns: Columns, ending: str) -> tuple[float, float]:
 def _draw_drives(
     axis: Axes, columns: Columns, ending: str, looks: dict[str, tuple[str, Any, float]], before: str = ""
 ) -> None:
-    """Draw a quantity of the drives that there are, each with its own colour and line style."""
+    """Draw a quantity of each existing drive, with its own colour and line style."""
     for side, (colour, dashes, width) in looks.items():
         if side + ending in columns:
             values = columns[side + ending]
