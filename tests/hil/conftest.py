@@ -1,4 +1,4 @@
-"""Shared by the tests of `hil`."""
+"""Fixtures shared by the tests of `hil`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random conditions: their text, and an evaluation of our own."""
+"""Random conditions: their text, and an independent evaluation."""
 
 from __future__ import annotations
 
