@@ -209,9 +209,7 @@ def held(rows: list[tuple[float, float]], time: float) -> float:
     rows=st.tuples(*[st.lists(st.tuples(st.integers(1, 6), st.integers(0, 3)), min_size=1, max_size=12)] * 2),
     tolerance=st.integers(0, 7),
 )
-def test_the_difference_equals_that_of_brute_force(
-    rows: tuple[list[tuple[int, int]], ...], tolerance: int
-) -> None:
+def test_differences_equal_a_brute_force_result(rows: tuple[list[tuple[int, int]], ...], tolerance: int) -> None:
     """Each signal, every quarter of a millisecond, against all values of the other within the tolerance."""
     both = []
     for steps_and_values in rows:
