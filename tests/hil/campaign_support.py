@@ -58,7 +58,7 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 
 
 def silent_ecu(each_step: str = "") -> str:
-    """Return the source of an ECU that sends nothing; `each_step` is what it does in each of its `steps`."""
+    """Return the source of an ECU that sends nothing; `each_step` is C code run in each of its `steps`."""
     return _SILENT_ECU.replace("EACH_STEP", each_step)
 
 

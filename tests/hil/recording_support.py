@@ -31,7 +31,7 @@ def rows_from(first: int, count: int) -> np.ndarray:
 
 
 def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = True) -> Any:
-    """Return frames as they are logged."""
+    """Return frames as log records with their time and direction."""
     return logged(frames_of(rows), round(seconds * 1e9), is_sent)
 
 
@@ -111,7 +111,7 @@ def read_csv(path: Path) -> list[dict[str, float]]:
 
 
 def table_in(path: Path) -> dict[str, np.ndarray]:
-    """Return all columns of a file."""
+    """Return all columns of a recording by name."""
     if path.suffix == ".csv":
         rows = read_csv(path)
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}

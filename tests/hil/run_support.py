@@ -34,7 +34,7 @@ CYCLE = 10  # ticks of a command
 
 
 class Keeper:
-    """A listener that keeps all rows and frames, and how many came at once."""
+    """A recorder that keeps all rows and frames in memory, and the sizes of their blocks."""
 
     def __init__(self) -> None:
         self.blocks: list[tuple[int, int]] = []
@@ -71,7 +71,7 @@ class Keeper:
 
 @dataclass
 class ScriptedEcu:
-    """An ECU that sends given frames by its turn, and keeps the frames that it hears."""
+    """An ECU that sends the frames of `says(turn)` in each turn, and keeps the frames that it hears."""
 
     says: Callable[[int], list[can.Message]]
     period_s: float | None = None

@@ -161,7 +161,7 @@ def test_workers_of_another_version_are_refused_with_their_address(base: Base, c
         Cluster(other, cluster.address)
 
 
-def test_an_address_without_a_scheduler_is_refused(base: Base, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_without_a_scheduler_is_reported(base: Base, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.campaigns.executors.cluster._CONNECT_S", 1.0)
     with pytest.raises(ConfigError, match=r"`scheduler` tcp://127.0.0.1:9"):
         Cluster(base, "tcp://127.0.0.1:9")

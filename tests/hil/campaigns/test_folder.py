@@ -262,7 +262,7 @@ def test_a_lock_file_of_another_program_is_not_written_to(folder: Folder, conten
     assert (folder.path / LOCK).read_text() == content
 
 
-def test_a_failure_to_close_the_lock_hides_no_first_error(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_to_close_the_lock_hides_no_other_error(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     close = os.close
 
     def failing(descriptor: int) -> None:
@@ -296,7 +296,7 @@ def test_a_request_value_of_a_wrong_type_is_reported_by_its_key(folder: Folder, 
 
 
 @pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
-def test_a_folder_without_file_locks_is_used_as_not_claimed(
+def test_a_folder_without_file_locks_is_used_without_a_lock(
     folder: Folder, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     with folder.claimed() as is_claimed:

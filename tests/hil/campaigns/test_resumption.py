@@ -83,7 +83,7 @@ def test_a_folder_with_a_campaign_is_not_overwritten_without_resume(folder: Fold
         pace_before(folder, found, is_resumed=False)
 
 
-def test_the_same_campaign_resumes_with_its_first_measured_pace(folder: Folder, scenario: Path) -> None:
+def test_the_same_campaign_resumes_with_its_time_per_variant(folder: Folder, scenario: Path) -> None:
     more = {"parameters": {"rod": 5.0}, "settings": ("gate.mass=31",), "seed": 3}
     begun(folder, campaign_of(scenario, "supply.voltage=9,12", **more))
     again = campaign_of(scenario, "supply.voltage=9,12", **more)
@@ -144,7 +144,7 @@ def test_another_version_is_reported_with_its_package(folder: Folder, scenario: 
         *({"seconds_each": each} for each in (None, [], math.nan)),
     ],
 )
-def test_a_campaign_without_its_pace_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
+def test_a_manifest_without_timing_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, **pace)
     told = f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"

@@ -139,7 +139,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def put(slots: IdleSlots, token: str, clock: Clock) -> Any:
-    """Add a slot that records when it is ended."""
+    """Put an idle slot of a client that records when it is ended."""
     closed: list[float] = []
     made: Any = SimpleNamespace(closed=closed, close=lambda: closed.append(clock.now))
     slots.put(token, made)

@@ -35,7 +35,7 @@ class PseudoTerminal:
         self._reader.start()
 
     def resize(self, columns: int, rows: int) -> None:
-        """Give the terminal another size; what is on the screen is cut, not wrapped."""
+        """Resize the terminal; the content of the screen is cut, not wrapped."""
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
     def types(self, keys: bytes) -> None:
@@ -70,7 +70,7 @@ class PseudoTerminal:
         self._wait_until(lambda: text.encode() in self._raw, text)
 
     def wait_for_picture(self, text: str) -> None:
-        """Wait until a screen with a text is completely drawn, as Ctrl-C discards what is still to be read."""
+        """Wait until a screen with a text is completely drawn, as Ctrl-C discards unread output."""
         wanted = text.encode()
         self._wait_until(lambda: wanted in self._raw and _DRAWN.search(self._raw, self._raw.index(wanted)), text)
 

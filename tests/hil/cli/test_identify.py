@@ -153,7 +153,7 @@ def test_the_result_records_the_settings(capsys: pytest.CaptureFixture[str], ope
     assert "suv: with motor.torque_constant=0.0113" in result["notes"]
 
 
-def test_unlike_drives_are_distinguished_by_their_own_columns(
+def test_parameters_of_two_different_drives_are_identified_from_their_columns(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     truth = {"left.motor.resistance": 0.9, "right.motor.resistance": 1.1}
@@ -168,13 +168,13 @@ def test_unlike_drives_are_distinguished_by_their_own_columns(
     ]
 
 
-def test_a_drive_without_measurements_gets_no_parameter(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_an_unmeasured_drive_is_not_identifiable(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", "left.motor.resistance,right.motor.inductance")
     assert result["identifiable"] == {"left.motor.resistance": True, "right.motor.inductance": False}
     assert result["parameters"]["right.motor.inductance"]["remark"]
 
 
-def test_data_that_begin_in_motion_give_the_truth(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_data_that_begin_in_motion_are_identified(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", NAMES, "--from", 0.8)
     assert_true(result, TRUTH, largest=0.2)
     assert result["initial_states"]
@@ -201,7 +201,7 @@ def test_true_parameters_are_found_from_decimated_and_resampled_data(
     ]
 
 
-def test_a_pause_before_the_data_is_taken_from_timestamps_or_the_initial_flag(
+def test_rest_after_a_motion_is_assumed_by_timestamps_or_the_initial_flag(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})

@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Call the command in that folder, and return its exit code."""
+    """Return a function that calls `judge` in the folder, and returns its exit code."""
     monkeypatch.chdir(folder)
 
     def run(*arguments: str) -> int:
@@ -84,7 +84,7 @@ def test_files_of_the_same_name_form_one_run_and_the_report_lists_all_runs_sorte
         assert word not in page
 
 
-def test_with_one_run_all_files_form_one_run_whatever_their_names(
+def test_the_flag_one_run_joins_files_of_any_name_into_one_run(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert judged("c.csv", "b.log") == 3
@@ -152,7 +152,7 @@ def test_an_unreadable_recording_is_an_error_and_the_others_are_judged(
     assert [each["verdict"] for each in told["scenarios"]] == ["pass", "error"]
 
 
-def test_map_takes_a_column_from_another_one_of_our_recordings(folder: Path) -> None:
+def test_map_reads_a_required_column_from_another_recorded_column(folder: Path) -> None:
     maps = ["gate_rate_degps=sensed_gate_angle_deg[deg/s]"]
     found = lh.judge([folder / "c.csv"], folder / "s.toml", maps=maps)
     assert found["moves"].margin == pytest.approx(46.0, abs=1.0)

@@ -1,6 +1,6 @@
 """No command writes to a file that it reads, whatever name or link leads to that file.
 
-Each is given its own input as its output, by a hard link: it is refused, and stays.
+Each command gets an input as its output, by a hard link: it must refuse, and the input must stay.
 """
 
 from __future__ import annotations

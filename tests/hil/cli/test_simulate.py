@@ -399,7 +399,7 @@ def test_a_refused_command_leaves_the_edges_file_unchanged(tmp_path: Path, refus
     assert edges.read_bytes() == before
 
 
-def test_edges_agree_with_the_count_columns(tmp_path: Path) -> None:
+def test_hall_edges_in_the_file_agree_with_the_count_columns(tmp_path: Path) -> None:
     arguments = ["--voltage", "12", "--duration", "1"]
     edges = edges_of(tmp_path, *arguments)
     assert list(edges[0]) == ["time_s", "drive", "channel", "level"]

@@ -151,7 +151,7 @@ def test_a_simulation_shows_its_remaining_time(monkeypatch: pytest.MonkeyPatch) 
 def test_every_command_that_may_take_long_shows_progress(
     command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each has one that begins and ends, whatever it says meanwhile.
+    """Each command begins and ends a progress display, whatever text it shows.
 
     The doctor waits 5 s for drivers to answer.
     """

@@ -64,7 +64,7 @@ def test_a_motor_without_its_own_input_is_noted_as_driven_like_the_other(
     assert note.endswith("no right_voltage_v or right_duty: the right motor is driven as the left one")
 
 
-def test_a_wrong_model_fits_worse_as_it_is_not_adapted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_a_wrong_model_fits_worse_and_is_not_fitted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     right = fit(capsys, opening, *settings(TRUTH))
     wrong = fit(capsys, opening)
     for name in ("left_current_a", "left_position_rev", "gate_angle_deg"):

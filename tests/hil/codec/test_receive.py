@@ -54,7 +54,7 @@ def value(reception: Reception, name: str) -> float:
 
 
 def same(first: Reception, second: Reception) -> bool:
-    """Tell whether the same is known of the messages, whatever is noted about refused and foreign frames."""
+    """Tell whether two receptions are equal apart from the memory of refused and foreign frames."""
     first, second = (
         each._replace(read=each.values, refusals=each.values, foreign=each.values) for each in (first, second)
     )
@@ -305,7 +305,7 @@ timeout_cycles = 2
 
 
 def received(folder: Path, text: str, **values: float) -> tuple[Reception, Counts]:
-    """Return what is known after one frame of a foreign rig."""
+    """Return the reception and its counts after one frame of a foreign rig."""
     rig = rig_of(folder, DATABASE, text)
     bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Richtung": 3, "Zaehler": 0, **values})

@@ -214,7 +214,7 @@ def valued(quantity: str, signal: str, values: str) -> str:
         ),
     ],
 )
-def test_each_issue_has_its_key_and_what_is_allowed(tmp_path: Path, text: str, key: str, said: str):
+def test_each_issue_names_its_key_and_the_allowed_values(tmp_path: Path, text: str, key: str, said: str):
     issues = faults_of(tmp_path, text)
     assert any(key in fault.split(": ")[1] and said in fault for fault in issues), issues
 

@@ -110,7 +110,7 @@ action = "fly"
         ("[[request]]\ntime = 1\naction = ['open']", "request[0].action"),
     ],
 )
-def test_each_issue_has_its_key(tmp_path: Path, text: str, key: str):
+def test_each_issue_names_its_key(tmp_path: Path, text: str, key: str):
     assert key in keys_of(faults_of(tmp_path, text))
 
 

@@ -97,7 +97,7 @@ def test_all_issues_of_a_file_are_reported_at_once(tmp_path: Path):
         ("gate_point = [0.085, -0.18]", "gate_point = ['a', 0]", "gate.gate_point[0]"),
     ],
 )
-def test_each_issue_has_its_key(tmp_path: Path, old: str, new: str, key: str):
+def test_each_issue_names_its_key(tmp_path: Path, old: str, new: str, key: str):
     text = SUV.replace(old, new, 1)
     assert text != SUV
     assert key in keys_of(issues_of(load, tmp_path, text))
@@ -165,7 +165,7 @@ def test_invalid_combinations_of_bridge_and_shunt_are_reported(settings: list[st
     assert said in line
 
 
-def test_constants_with_rounding_errors_are_accepted():
+def test_motor_constants_with_rounding_errors_are_accepted():
     vehicle_from("suv", ["motor.torque_constant=0.01225"])
 
 

@@ -28,7 +28,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def exchange(clock: Clock, ours: Ours, theirs: Theirs, ticks: int, lost: int = -1) -> int:
-    """Exchange frames until both nodes are silent, without the frame of a number; return the number of frames."""
+    """Exchange frames until both nodes are silent, dropping frame number `lost`; return the number of frames."""
     count, quiet = 0, 0
     for _ in range(ticks):
         now_ns = clock.now_ns

@@ -24,7 +24,7 @@ from liftgate_hil.transport.find import Way, find_way
 
 
 class Asked(ScriptedEcu):
-    """An ECU that accepts requests and has no reaction to them."""
+    """An ECU that accepts requests and does not react to them."""
 
     def request(self, action: str) -> None:
         """Accept a request."""

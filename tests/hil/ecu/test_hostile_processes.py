@@ -105,7 +105,7 @@ def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def be_patient(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Prolong the deadline of a name, so that a busy machine does not end a healthy ECU."""
+    """Prolong a deadline, given by its name, so that a busy machine does not end a healthy ECU."""
     monkeypatch.setattr(f"liftgate_hil.isolate.isolation.{name}", 60.0)
 
 

@@ -34,7 +34,7 @@ def new_drive() -> Any:
 def feed(
     guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
 ) -> TrapDecision | None:
-    """Feed a guard with a load at a position, or from there by counts per cycle; return the verdict if trapped."""
+    """Feed a guard a load from a position on, by `step` counts per cycle; return the verdict if trapped."""
     for cycle in range(cycles):
         place = position + cycle * step
         verdict = watch(K, guard, load, place, TRAVEL, hidden=0.0, in_seal=place < C.seal_zone)
@@ -136,7 +136,7 @@ def test_counts_alone_give_the_speed_despite_missing_samples() -> None:
 
 
 def loads_while_accelerating(is_sharp: bool) -> list[float]:
-    """Return the loads of a drive whose current does nothing but accelerate it, more and more."""
+    """Return the loads computed for a drive whose current only accelerates it, at a rising rate."""
     drive, speed, loads = new_drive(), 0.0, []
     for cycle in range(100):
         slope = 2.5 * cycle  # rev/s²

@@ -133,7 +133,7 @@ _groups = itertools.count(os.getpid() % 200)
 
 @pytest.fixture
 def bus(monkeypatch: pytest.MonkeyPatch) -> str:
-    """A multicast group of this test on a port of this process, as others may use the machine."""
+    """The address of a multicast group that no other test or process of this machine uses."""
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 44000 + os.getpid() % 4000}))
     return f"udp_multicast:239.75.{next(_groups) % 250}.{os.getpid() % 250 + 1}"
 

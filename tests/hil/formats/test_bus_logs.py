@@ -28,7 +28,7 @@ from liftgate_hil.testing.rejudge import judge
 
 
 class Read(NamedTuple):
-    """A frame as it was read."""
+    """A frame read from a log, for comparison."""
 
     time_s: float
     identifier: int
