@@ -393,7 +393,7 @@ def test_a_run_with_its_own_page_ends_that_page(tmp_path: Path) -> None:
         socket.create_connection(client.endpoint)
 
 
-def test_the_answers_have_geometry_command_ranges_and_histograms(client: Client) -> None:
+def test_the_answers_have_geometry_command_labels_and_histograms(client: Client) -> None:
     about, geometry = client.ask("/api/about")[1], client.ask("/api/geometry")[1]
     assert geometry["length_m"] == 1.0
     assert {"left", "right"} == set(geometry["drives"])
