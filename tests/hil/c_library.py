@@ -15,7 +15,7 @@ needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C com
 
 
 def build(folder: Path, source: str, name: str = "ecu.so") -> Path:
-    """The library of a source text."""
+    """Compile a C source text to a shared library, and return its path."""
     path = folder / f"{name}.c"
     path.write_text(source)
     command = ["cc", "-std=gnu99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
@@ -48,5 +48,5 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 
 
 def source_of(create: str = "", destroy: str = "", request: str = "", step: str = "") -> str:
-    """An ECU that says nothing, and does this in its functions."""
+    """Return the source of an ECU that sends nothing and runs given code in its functions."""
     return _SOURCE.format(create=create, destroy=destroy, request=request, step=step)

@@ -1,4 +1,4 @@
-"""What tests of campaigns share: a scenario of one second, its variants, and an ECU in C that sends nothing."""
+"""Shared helpers of campaign tests: a scenario of one second, its variants, and an ECU in C that sends nothing."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 
 
 def silent_ecu(each_step: str = "") -> str:
-    """Return the source of an ECU that sends nothing; `each_step` is what it does in each of its `steps`."""
+    """Return the source of an ECU that sends nothing; `each_step` is C code run in each of its `steps`."""
     return _SILENT_ECU.replace("EACH_STEP", each_step)
 
 
@@ -79,17 +79,17 @@ def campaign_in(
 
 
 def rows_of(campaign: Campaign, batches: list[Batch]) -> pa.Table:
-    """Return the rows of batches, in their order, without the time that they took."""
+    """Return the result rows of batches in their order, without the evaluation time."""
     return pa.concat_tables(list(campaign.tables(batches))).drop_columns(["wall_s"])
 
 
 def evaluated(folder: Path, base: Base, executor: Executor, values: Floats = VALUES, size: int = 5) -> pa.Table:
-    """Return the rows of variants that an executor has evaluated, and close it; see `rows_of`."""
+    """Return the result rows of variants evaluated by an executor (see `rows_of`), and close the executor."""
     return evaluated_in(campaign_in(folder, base, executor), values, size)
 
 
 def evaluated_in(campaign: Campaign, values: Floats = VALUES, size: int = 5) -> pa.Table:
-    """Return the rows of variants that a campaign has evaluated, and close its executor."""
+    """Return the result rows of variants evaluated by a campaign, and close its executor."""
     batches = batches_of(campaign.base, values, size)
     try:
         campaign.evaluate(batches)

@@ -1,4 +1,4 @@
-"""A database and a rig made from the catalogue: each quantity in a message of its own, as a double."""
+"""A database and a rig made from the catalogue: each quantity in its own message, as a double."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SECTIONS = (("inputs", "In", BUS_INPUTS), ("outputs", "Out", BUS_OUTPUTS))
 
 
 def _identifiers() -> dict[str, int]:
-    """Message: identifier."""
+    """Return the identifiers by message name."""
     return {
         **{f"In_{name}": FIRST_INPUT + place for place, name in enumerate(BUS_INPUTS)},
         **{f"Out_{name}": FIRST_OUTPUT + place for place, name in enumerate(BUS_OUTPUTS)},
@@ -39,7 +39,7 @@ def _wires() -> Iterator[str]:
 
 
 def catalogue_rig(folder: Path) -> Rig:
-    """Every quantity that can be wired is."""
+    """Return a rig that maps every quantity that can be mapped."""
     messages = _identifiers()
     database = HEAD
     for _, prefix, quantities in SECTIONS:
@@ -54,13 +54,13 @@ def catalogue_rig(folder: Path) -> Rig:
 
 
 def input_frames(values: Mapping[str, float]) -> list[tuple[int, bytes]]:
-    """Frames, in any order but the catalogue's, that say these values of BUS_INPUTS."""
+    """Return frames with these values of BUS_INPUTS, in any order but the catalogue's."""
     identifiers = _identifiers()
     return [(identifiers[f"In_{name}"], struct.pack("<d", value)) for name, value in reversed(values.items())]
 
 
 def outputs_in(rig: Rig, frames: Frames) -> dict[str, float]:
-    """What cantools makes of frames: each quantity of BUS_OUTPUTS that they carry, which must be there once."""
+    """Decode frames with cantools; return each quantity of BUS_OUTPUTS in them, which must occur once."""
     found = {}
     for name in BUS_OUTPUTS:
         rows = decoded(rig, frames, f"Out_{name}")

@@ -1,4 +1,4 @@
-"""Shared by the tests of `hil`."""
+"""Fixtures shared by the tests of `hil`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from liftgate_hil.loop.tick import tick
 
 @pytest.fixture(scope="session")
 def rig() -> Rig:
-    """The default rig."""
+    """The shipped default rig, loaded."""
     return hil_support.shipped_rig()
 
 
 @pytest.fixture(scope="session")
 def fast_tick() -> Callable[..., Any]:
-    """The compiled tick."""
+    """The loop's tick compiled to machine code, which leaves its arguments unchanged."""
     return hil_support.pure(compiled(tick))

@@ -1,4 +1,4 @@
-"""A Dask cluster of processes on this machine, which tests kill and replace."""
+"""A Dask cluster of local processes, which tests kill and replace."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PATIENCE = 120.0  # s until something must have happened; nothing is judged by i
 
 
 class DaskProcesses:
-    """A real scheduler and its workers, each a process of its own."""
+    """A real scheduler and its workers, each in a process of its own."""
 
     def __init__(self, folder: Path, workers: int, *flags: str) -> None:
         self._folder, self._flags, self._number = folder, flags, 0
@@ -49,27 +49,27 @@ class DaskProcesses:
         )  # fmt: skip
 
     def wait_for(self, workers: int) -> None:
-        """Wait until so many workers are there."""
+        """Wait until the cluster has a number of workers."""
         from distributed import Client
 
         with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(workers, timeout=PATIENCE)
 
     def replace(self, worker: subprocess.Popen[bytes]) -> None:
-        """Kill a worker and start another."""
+        """Kill a worker process and start another."""
         os.killpg(worker.pid, signal.SIGKILL)
         worker.wait()
         self.workers.remove(worker)
         self.workers.append(self.worker())
 
     def kill_scheduler(self) -> None:
-        """Kill the scheduler."""
+        """Kill the scheduler's process."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._scheduler.pid, signal.SIGKILL)
         self._scheduler.wait()
 
     def close(self) -> None:
-        """Kill all of it."""
+        """Kill all processes of the cluster."""
         for each in (*self.workers, self._scheduler):
             try:
                 os.killpg(each.pid, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""Commands of which an operation on files fails, or is their last one.
+"""Commands run with a fault: a file operation fails, or the process is killed at one.
 
 They run in children forked from one process that has loaded everything, as a start takes longer than a campaign.
 """
@@ -22,7 +22,7 @@ READING, WRITING = 1, 2  # kinds of operations, as in SOURCE
 
 
 class Fault(NamedTuple):
-    """Fault of the operation `at` (from 1; 0: none) on files below a folder."""
+    """A fault at file operation number `at` (from 1; 0: none) below a folder."""
 
     below: str
     at: int = 0
@@ -32,7 +32,7 @@ class Fault(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Ending of a command: its exit code or signal, and what it printed."""
+    """The end of a command: its exit code or signal, and its output."""
 
     code: int  # negative: the signal
     said: list[str]  # lines on stderr
@@ -40,7 +40,7 @@ class Ended(NamedTuple):
 
 
 class FaultyCommands:
-    """The process whose children are commands; `folder` is for its own files."""
+    """The process that forks a child for each command; `folder` is for its own files."""
 
     def __init__(self, folder: Path) -> None:
         library = build(folder, SOURCE.read_text(), "file_faults.so")
@@ -51,7 +51,7 @@ class FaultyCommands:
         )  # fmt: skip
 
     def run(self, *commands: tuple[Sequence[str], Fault | None]) -> list[Ended]:
-        """Run commands at the same time; of several only one may have a fault."""
+        """Run commands at the same time; only one of several may have a fault."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps(commands) + "\n")
@@ -59,12 +59,12 @@ class FaultyCommands:
         return [Ended(*each) for each in json.loads(self._process.stdout.readline())]
 
     def close(self) -> None:
-        """End the process."""
+        """End the process that forks the commands."""
         self._process.communicate("")
 
 
 def _begin(library: ctypes.CDLL, arguments: Sequence[str], fault: Fault | None, said: Path) -> int:
-    """Fork a child that runs a command, and return it."""
+    """Fork a child that runs a command, and return the child."""
     from liftgate_hil.cli.main import main
 
     child = os.fork()
@@ -86,7 +86,7 @@ def _begin(library: ctypes.CDLL, arguments: Sequence[str], fault: Fault | None, 
 
 
 def _serve(library: ctypes.CDLL, folder: Path) -> None:
-    """Run the commands that come, a line each time."""
+    """Run the commands that are received, one per line."""
     library.file_faults_begin.argtypes = [ctypes.c_char_p, ctypes.c_long, *(ctypes.c_int,) * 3]
     library.file_faults_begin(b"", 0, 0, 0, 0)
     library.file_faults_count.restype = ctypes.c_long
@@ -104,7 +104,7 @@ def _serve(library: ctypes.CDLL, folder: Path) -> None:
 
 
 def _load(folder: Path) -> None:
-    """Load what a campaign needs, machine code included."""
+    """Import what a campaign needs, machine code included."""
     from liftgate_hil.campaigns import campaign
     from liftgate_hil.campaigns.request import CampaignRequest
     from liftgate_hil.campaigns.run import CampaignPlaces, run_campaign

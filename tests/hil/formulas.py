@@ -1,4 +1,4 @@
-"""Random conditions: their text, and an evaluation of our own."""
+"""Hypothesis strategies of random conditions: their text, and an independent evaluation."""
 
 from __future__ import annotations
 

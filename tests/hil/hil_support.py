@@ -1,4 +1,4 @@
-"""What several tests of `hil` need: frames made by cantools and crccheck, rigs from text, a loop's constants,
+"""Helpers shared by tests of `hil`: frames made by cantools and crccheck, rigs from text, a loop's constants,
 and what acts on it from outside.
 """
 
@@ -57,7 +57,7 @@ COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
 
 
 def frames_of(rows: Iterable[tuple[int, bytes]]) -> Frames:
-    """Frames from (identifier with flags, payload)."""
+    """Return frames made from pairs (identifier with flags, payload)."""
     pairs = list(rows)
     frames = Frames(
         len(pairs),
@@ -71,7 +71,7 @@ def frames_of(rows: Iterable[tuple[int, bytes]]) -> Frames:
 
 
 def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
-    """(identifier with flags, payload) of frames."""
+    """Return the pairs (identifier with flags, payload) of frames."""
     return [
         (int(frames.identifiers[row]), frames.data[row, : int(frames.lengths[row])].tobytes())
         for row in range(frames.count)
@@ -79,7 +79,7 @@ def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
 
 
 def logged(rows: Sequence[tuple[int, int, bytes]]) -> NDArray[Any]:
-    """Frames of a log from (time [ns], identifier, payload)."""
+    """Return frames of a log from (time [ns], identifier, payload)."""
     found = np.zeros(len(rows), dtype=LOGGED)
     for row, (time_ns, identifier, payload) in zip(found, rows, strict=True):
         row["time_ns"], row["identifier"], row["length"] = time_ns, identifier, len(payload)
@@ -88,7 +88,7 @@ def logged(rows: Sequence[tuple[int, int, bytes]]) -> NDArray[Any]:
 
 
 class Wire:
-    """A transport of lists."""
+    """A transport that keeps its frames in lists."""
 
     name = "wire"
     is_up = True
@@ -112,18 +112,18 @@ class Wire:
 
 
 def j1850(identifier: int, payload: bytes, skip: int) -> int:
-    """The checksum rule in the database's comment, by somebody else's CRC."""
+    """Return the checksum described in the database's comment, computed by crccheck."""
     covered = struct.pack("<H", identifier & 0xFFFF) + payload[:skip] + payload[skip + 1 :]
     return int(Crc8SaeJ1850.calc(covered))
 
 
 def with_checksum(identifier: int, payload: bytes, at: int = 7) -> bytes:
-    """The payload with its checksum in byte `at`."""
+    """Return the payload with its checksum in byte `at`."""
     return payload[:at] + bytes([j1850(identifier, payload, at)]) + payload[at + 1 :]
 
 
 def command_payload(rig: Rig, counter: int, **values: float) -> bytes:
-    """A DriveCommand of the shipped database."""
+    """Return the payload of a DriveCommand of the shipped database."""
     signals: dict[str, float] = {
         "LeftDuty": 0.0,
         "RightDuty": 0.0,
@@ -138,12 +138,12 @@ def command_payload(rig: Rig, counter: int, **values: float) -> bytes:
 
 
 def command_frame(rig: Rig, counter: int, **values: float) -> tuple[int, bytes]:
-    """The same, with its identifier."""
+    """Return a DriveCommand of the shipped database as (identifier, payload)."""
     return COMMAND, command_payload(rig, counter, **values)
 
 
 def both(duty: float, direction: int, release: int = 0) -> dict[str, float]:
-    """Both motors alike."""
+    """Return signal values of a DriveCommand, the same for both motors."""
     return {
         "LeftDuty": duty,
         "RightDuty": duty,
@@ -154,7 +154,7 @@ def both(duty: float, direction: int, release: int = 0) -> dict[str, float]:
 
 
 def panel_frame(rig: Rig, **values: float) -> tuple[int, bytes]:
-    """A BenchControl of the shipped database."""
+    """Return a BenchControl of the shipped database as (identifier, payload)."""
     signals: dict[str, float] = {
         "ObstacleAngle": 0.0,
         "ObstacleRate": 0.0,
@@ -166,7 +166,7 @@ def panel_frame(rig: Rig, **values: float) -> tuple[int, bytes]:
 
 
 def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
-    """What cantools makes of the frames of one message."""
+    """Return the frames of one message as decoded by cantools."""
     message = rig.messages[name]
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return [
@@ -179,7 +179,7 @@ def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
 def loop_config(
     rate: float = 1000.0, rig: Rig | None = None, settings: Sequence[str] = (), seed: int = 0
 ) -> LoopConfig:
-    """The shipped vehicle, as a loop's constants."""
+    """Return a loop's constants for the shipped vehicle."""
     vehicle = vehicle_from("suv", settings, ideal=True)
     return loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
 
@@ -187,7 +187,7 @@ def loop_config(
 def stimulus_plan(
     config: LoopConfig, stimuli: TimedStimuli = NO_STIMULI, requests: Sequence[Request] = ()
 ) -> StimulusPlan:
-    """What acts on a run of this gate from outside: one of its own for each run, as it remembers."""
+    """Return the stimuli of one run; they have memory, so each run needs its own."""
     return stimulus_plan_of(constants_in(config), stimuli, requests)
 
 
@@ -197,7 +197,7 @@ def _shipped() -> LoopConfig:
 
 
 def stimuli_alone(stimuli: TimedStimuli = NO_STIMULI) -> StimulusPlan:
-    """The same, where only what acts from outside is looked at, and no gate is run."""
+    """Return the stimuli where only they are tested, and no gate is run."""
     return stimulus_plan(_shipped(), stimuli)
 
 
@@ -213,7 +213,7 @@ def outside(
     silent: bool = False,
     stop: bool = False,
 ) -> Outside:
-    """What acts on one tick that begins at a time [s]; nothing was posted."""
+    """Return the stimuli of one tick that begins at a time [s], without posted commands."""
     given = _nothing() if around is None else around
     return compiled(outside_at)(given, time, 0.001, missed, silent, stop)
 
@@ -230,8 +230,8 @@ def catch_up(
     missed: int = 0,
     around: StimulusPlan | None = None,
 ) -> Ticked:
-    """So many ticks at once, and what each gave: the frames come in the first, all but the last make up for a
-    missed one and send nothing. `missed` were missed before.
+    """Run several ticks at once, and return the results of each; the first gets the frames, all but the last are
+    silent to make up for a missed tick. `missed` ticks were missed before.
     """
     ticked: Ticked = []
     for left in range(steps - 1, -1, -1):
@@ -245,17 +245,17 @@ def catch_up(
 
 @functools.cache
 def shipped_rig() -> Rig:
-    """The default rig, whose database is read once."""
+    """Return the shipped rig; its database is read only once."""
     return rig_from("liftgate")
 
 
 def start_of(config: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:
-    """A loop at rest at an angle [rad]."""
+    """Return the state of a loop at rest at an angle [rad]."""
     return initial_loop(config, initial_state(config.plant, angle, latched=latched))
 
 
 def wait_for(happened: Callable[[], object], what: str = "it did not happen", patience: float = 120.0) -> None:
-    """Until something has happened; nothing is judged by how long [s] it may take."""
+    """Wait until something has happened; how long [s] it may take is not judged."""
     deadline = time.monotonic() + patience
     while not happened():
         assert time.monotonic() < deadline, what
@@ -263,13 +263,13 @@ def wait_for(happened: Callable[[], object], what: str = "it did not happen", pa
 
 
 def text_file(path: Path, text: str) -> Path:
-    """A file with this text."""
+    """Write a text to a file, and return the path."""
     path.write_text(text, encoding="utf-8")
     return path
 
 
 def issues_of(call: Callable[..., object], *arguments: Any, **named: Any) -> list[str]:
-    """Why a call is refused: lines, none of which has a control character."""
+    """Return the lines of the ConfigError of a call, none of which may have a control character."""
     with pytest.raises(ConfigError) as caught:
         call(*arguments, **named)
     assert all(issue.isprintable() for issue in caught.value.issues)
@@ -277,18 +277,18 @@ def issues_of(call: Callable[..., object], *arguments: Any, **named: Any) -> lis
 
 
 def keys_of(issues: Iterable[str]) -> list[str]:
-    """The keys of a file that issues are about."""
+    """Return the keys of a file that issues are about."""
     return [issue.split(": ")[1] for issue in issues]
 
 
 def database_of(body: str, cycle_ms: int = 10, nodes: str = "ECU Gate") -> str:
-    """A DBC, whose messages have this cycle where they do not have one of their own."""
+    """Return a DBC whose messages get this cycle where they have none of their own."""
     attributes = f'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" {cycle_ms};\n'
     return f'VERSION ""\nBS_:\nBU_: {nodes}\n{body}{attributes}'
 
 
 def messages_in(path: Path) -> Messages:
-    """The messages of a database that has no issue."""
+    """Return the messages of a database that has no issue."""
     issues = ConfigIssues("r.toml")
     messages = load_messages(issues, DatabaseFile(path))
     assert not issues.lines
@@ -296,13 +296,13 @@ def messages_in(path: Path) -> Messages:
 
 
 def write_rig(folder: Path, database: str, text: str) -> Path:
-    """A rig file beside its database `their.dbc`."""
+    """Write a rig file beside its database `their.dbc`."""
     (folder / "their.dbc").write_text(database, encoding="cp1252")
     return text_file(folder / "their.toml", text)
 
 
 def rig_of(folder: Path, database: str, text: str) -> Rig:
-    """The same, loaded."""
+    """Write a rig file beside its database, and load it."""
     return load_rig(write_rig(folder, database, text))
 
 
@@ -313,7 +313,7 @@ def bus_config_of(
     quantities: Mapping[str, Signal] | None = None,
     sending: bool = False,
 ) -> BusConfig:
-    """Tables for wires whose quantities may be anything."""
+    """Return tables for signals whose quantities may have any value."""
     issues = ConfigIssues("test")
     bus = build_bus_config(
         messages,
@@ -338,13 +338,13 @@ def taken(
     now_ns: int,
     call: Callable[..., Counts] = receive,
 ) -> tuple[Reception, Counts]:
-    """What has been received after these frames."""
+    """Return the reception and its counts after these frames."""
     after = copied(reception)
     return after, call(bus, after, counts, frames, now_ns)
 
 
 def forgotten(bus: BusConfig, reception: Reception, now_ns: int) -> tuple[Reception, int]:
-    """What is left of it at a time, and how many messages went stale."""
+    """Return the reception at a later time, and how many messages became stale."""
     after = copied(reception)
     return after, forget_stale(bus, after, now_ns)
 
@@ -357,14 +357,14 @@ def transmitted(
     everything: bool = True,
     call: Callable[..., Frames] = transmit,
 ) -> tuple[Transmission, Frames]:
-    """What was sent of these values, and the frames."""
+    """Return the transmission state after these values, and the frames sent."""
     after = copied(before) if before else first_transmission(bus, len(values))
     after.values[:] = values
     return after, copied(call(bus, after, now_ns, everything))
 
 
 def pure(call: Callable[..., Any]) -> Callable[..., Any]:
-    """A tick that leaves its state as it was, and whose frames stay."""
+    """Return a tick that does not modify its state, and whose frames stay unchanged."""
 
     def ticked(config: LoopConfig, state: LoopState, frames: Frames, given: Outside) -> Any:
         after, replies, truth, sensed = call(config, copied(state), frames, given)

@@ -1,4 +1,4 @@
-"""A page, parsed and checked."""
+"""HTML pages, parsed and checked."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ VOID = {"meta", "link", "img", "br", "hr", "input"}
 
 
 class Page(HTMLParser):
-    """Checks nesting; collects text, identifiers, references and elements."""
+    """A parser that checks nesting and collects text, identifiers, references and elements."""
 
     def __init__(self, html):
         super().__init__(convert_charrefs=True)
@@ -46,7 +46,7 @@ class Page(HTMLParser):
             self.links += re.findall(r"url\(([^)]*)\)", value or "")
 
     def check_alone(self):
-        """It needs nothing from elsewhere, runs nothing, and its references lead somewhere."""
+        """Check that the page is self-contained, has no script, and that its references have targets."""
         assert len(self.ids) == len(set(self.ids))
         for link in self.links:
             if link.startswith("data:image/png;base64,"):  # a picture in it

@@ -1,4 +1,4 @@
-"""What the tests of recordings share."""
+"""Helpers shared by the tests of recordings."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ ROW = np.array([float(n) if signal.is_whole else 0.1 * n for n, signal in enumer
 
 
 def rows_from(first: int, count: int) -> np.ndarray:
-    """Rows in which every cell differs from every other; the time is a millisecond a row."""
+    """Return rows in which every cell is unique; the time is a millisecond per row."""
     rows = np.array([1000.0 * k + ROW for k in range(first, first + count)])
     rows[:, list(COLUMNS).index("time_s")] = 0.001 * np.arange(first, first + count)
     return rows
 
 
 def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = True) -> Any:
-    """Frames as they are logged."""
+    """Return frames as log records with their time and direction."""
     return logged(frames_of(rows), round(seconds * 1e9), is_sent)
 
 
 def started(path: Path, **how: Any) -> GuardedWriter:
-    """A recording that has begun, with three rows and a frame."""
+    """Return a writer that has begun, with three rows and a frame."""
     recorder = open_writer(path, BOTH, **how)
     recorder.begin(0)
     recorder.write_rows(rows_from(0, 3))
@@ -45,7 +45,7 @@ def started(path: Path, **how: Any) -> GuardedWriter:
 
 
 def recorded_rows(path: Path, *blocks: np.ndarray, content: Content = BOTH, epoch_ns: int = 0) -> Path:
-    """A recording of these blocks of rows."""
+    """Write a recording of these blocks of rows, and return its path."""
     recorder = open_writer(path, content)
     recorder.begin(epoch_ns)
     for block in blocks:
@@ -58,7 +58,7 @@ def recorded_rows(path: Path, *blocks: np.ndarray, content: Content = BOTH, epoc
 
 
 def told_in(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
-    """By topic the messages of an MCAP file: time [ns] and what they say, by the format's own reader."""
+    """Return the messages of an MCAP file by topic: time [ns] and content, by the official reader."""
     from mcap.reader import make_reader
 
     told: dict[str, list[tuple[int, dict[str, Any]]]] = {}
@@ -111,7 +111,7 @@ def read_csv(path: Path) -> list[dict[str, float]]:
 
 
 def table_in(path: Path) -> dict[str, np.ndarray]:
-    """All columns of a file."""
+    """Return all columns of a recording by name."""
     if path.suffix == ".csv":
         rows = read_csv(path)
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -1,4 +1,4 @@
-"""Closed loops for tests: short scenarios, a Python ECU that says what it is told, and all that came of a run."""
+"""Closed loops for tests: short scenarios, a Python ECU with given frames, and all results of a run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CYCLE = 10  # ticks of a command
 
 
 class Keeper:
-    """Keeps all rows and frames, and how many came at once."""
+    """A recorder that keeps all rows and frames in memory, and the sizes of their blocks."""
 
     def __init__(self) -> None:
         self.blocks: list[tuple[int, int]] = []
@@ -61,7 +61,7 @@ class Keeper:
         return self.rows.tobytes(), frames.tobytes()
 
     def wires(self, is_sent: bool) -> list[tuple[float, int, bytes]]:
-        """(time [ms], identifier, payload) of one way."""
+        """Return (time [ms], identifier, payload) of one direction."""
         return [
             (row["time_ns"] / 1e6, int(row["identifier"]), row["payload"][: row["length"]].tobytes())
             for row in self.frames
@@ -71,7 +71,7 @@ class Keeper:
 
 @dataclass
 class ScriptedEcu:
-    """An ECU that sends what it is given, by its turn; keeps what it hears."""
+    """An ECU that sends the frames of `says(turn)` in each turn, and keeps the frames that it hears."""
 
     says: Callable[[int], list[can.Message]]
     period_s: float | None = None
@@ -87,7 +87,7 @@ def message(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
 
 
 def reversing(seed: int = 1) -> Scenario:
-    """Closing onto a rod: detected at 0.73 s, then the gate turns."""
+    """A scenario of closing onto a rod: detected at 0.73 s, then the gate reverses."""
     return Scenario(
         TimedStimuli({}, [TimedObstacle(ROD)]),
         (Request(Instant(0.02), "close"),),
@@ -99,7 +99,7 @@ def reversing(seed: int = 1) -> Scenario:
 
 
 def releasing(seed: int = 1) -> Scenario:
-    """Out of the latch, the supply sagging, a hand pushing."""
+    """A scenario out of the latch with a sagging supply and a hand pushing."""
     profiles = {
         "supply_voltage_v": Profile([(0.0, 12.0), (0.3, 10.5), (0.5, 13.0)]),
         "hand_force_n": Profile([(0.1, 5.0), (0.4, -20.0)], is_linear=False),
@@ -114,14 +114,14 @@ def releasing(seed: int = 1) -> Scenario:
 
 
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:
-    """A run, and all that it gave."""
+    """Run a scenario, and return all its results."""
     keeper = Keeper()
     request = RunRequest(scenario, ecu, record=more.pop("records", ()), **more)
     return run_plan(plan_of(Job(request)), sinks=[keeper]), keeper
 
 
 def episode_of(sinks: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:
-    """The reversing scenario, to run by hand."""
+    """Return the episode of the reversing scenario, to be stepped by hand."""
     config = loop_config(settings=NOISE, seed=1)
     state = start_of(config, np.radians(39.0), latched=False)
     scenario = reversing()

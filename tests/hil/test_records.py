@@ -1,4 +1,4 @@
-"""Records that compiled code and plain Python read alike."""
+"""Records that compiled code and plain Python must read alike."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def modules() -> Iterator[ModuleType]:
                 yield importlib.import_module(found.name)
 
 
-def test_no_field_has_the_name_of_something_that_numpys_records_have_by_themselves() -> None:
-    """`row.sum` would be the field in compiled code, and the method in plain Python."""
+def test_no_record_field_has_the_name_of_an_attribute_of_numpy_records() -> None:
+    """`row.sum` would be the field in compiled code but the method in plain Python."""
     taken = {*dir(np.record), *dir(np.recarray)}
     fields = {
         f"{module.__name__}.{name}": set(value.names or ())

@@ -1,4 +1,4 @@
-"""The catalogue: every quantity once, under one name, whose end tells its unit."""
+"""The catalogue of quantities: each once, with one name whose suffix is its unit."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ from liftgate_plant.signals import SUFFIXES, Drives, Sensed, Surroundings, Truth
 ROWS = (Drives, Surroundings, Truth, Sensed)
 
 
-def test_no_name_stands_twice() -> None:
-    """A dict made of several tables would hide it."""
+def test_each_name_is_unique() -> None:
+    """A dict made of several tables would hide a repetition."""
     panel = [bus_name(name, signal) for name, signal in signals_of(Surroundings).items()]
     inputs = [*Command._fields, *Rod._fields, *panel]
     assert list(BUS_INPUTS) == inputs
@@ -61,7 +61,7 @@ def test_no_name_stands_twice() -> None:
         assert max(Counter(row._fields).values()) == 1
 
 
-def test_a_row_begins_where_its_first_name_stands() -> None:
+def test_the_offset_of_each_row_is_that_of_its_first_column() -> None:
     starts = {
         "sensed": Sensed, "truth": Truth, "status": Status, "timing": Timing, "edges": EdgeTimes,
     }  # fmt: skip
@@ -80,7 +80,7 @@ def test_a_row_begins_where_its_first_name_stands() -> None:
     [(IN, BUS_INPUTS), (OUT, BUS_OUTPUTS), (AT, INPUT_COLUMNS), (HELD, HELD._fields)],
     ids=["inputs", "outputs", "offline", "held"],
 )
-def test_a_place_is_where_its_name_stands(places: object, names: list[str]) -> None:
+def test_each_index_constant_is_the_position_of_its_name(places: object, names: list[str]) -> None:
     for place, name in enumerate(names):
         assert getattr(places, name) == place
     assert [COLUMN_PLACE[name] for name in COLUMNS] == list(range(ROW_WIDTH))
@@ -91,12 +91,12 @@ _NO_UNITS = {f"{prefix}{side}_hall_a" for prefix in ("", SENSED_PREFIX) for side
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_a_columns_end_tells_its_signals_unit(row: type) -> None:
+def test_the_suffix_of_a_column_is_the_unit_of_its_signal(row: type) -> None:
     check_ends(signals_of(row))
 
 
 @pytest.mark.parametrize("table", ["COLUMNS", "PROFILES", "INPUT_SIGNALS"])
-def test_the_columns_of_files_end_in_their_units(table: str) -> None:
+def test_the_suffix_of_a_file_column_is_its_unit(table: str) -> None:
     check_ends(getattr(signals, table))
 
 
@@ -107,11 +107,11 @@ def check_ends(table: dict) -> None:
         assert told == ("A" if name in _NO_UNITS else signal.unit), name
 
 
-def test_no_two_units_have_one_suffix() -> None:
+def test_no_two_units_have_the_same_suffix() -> None:
     assert len(set(SUFFIXES.values())) == len(SUFFIXES)
 
 
-def test_left_and_right_are_alike() -> None:
+def test_quantities_of_left_and_right_drive_correspond() -> None:
     for table in (*map(signals_of, ROWS), BUS_INPUTS, BUS_OUTPUTS, COLUMNS, INPUT_SIGNALS):
         for name, signal in table.items():
             if "left_" in name:
@@ -120,7 +120,7 @@ def test_left_and_right_are_alike() -> None:
         assert sum("left_" in name for name in table) == sum("right_" in name for name in table)
 
 
-def test_what_is_sensed_and_what_is_so_have_one_unit_and_range() -> None:
+def test_a_sensed_and_a_true_quantity_of_the_same_name_have_one_unit_and_range() -> None:
     sensed, truth = signals_of(Sensed), signals_of(Truth)
     both = sensed.keys() & truth.keys()
     assert {"left_current_a", "gate_angle_deg", "latched", "terminal_voltage_v"} <= both
@@ -128,7 +128,7 @@ def test_what_is_sensed_and_what_is_so_have_one_unit_and_range() -> None:
         assert sensed[name]._replace(bus_name="") == truth[name]._replace(bus_name=""), name
 
 
-def test_ranges_are_ranges_and_enumerations_name_all_their_values() -> None:
+def test_ranges_are_not_empty_and_enumerations_name_all_values() -> None:
     for table in (*map(signals_of, ROWS), BUS_INPUTS, BUS_OUTPUTS):
         for name, signal in table.items():
             assert signal.low < signal.high, name
@@ -137,8 +137,8 @@ def test_ranges_are_ranges_and_enumerations_name_all_their_values() -> None:
                 assert (signal.low, signal.high) == (0.0, len(signal.values) - 1.0), name
 
 
-def test_a_rig_calls_quantities_as_rig_files_do() -> None:
-    """Names that stand in users' rigs."""
+def test_bus_quantities_keep_the_names_used_in_rig_files() -> None:
+    """These names stand in users' rigs."""
     assert BUS_OUTPUTS.keys() >= {
         "left_current", "left_hall_count", "left_hall_speed", "left_hall_a", "left_hall_b",
         "gate_angle", "latch_state", "terminal_voltage", "ambient_temperature",
@@ -154,15 +154,15 @@ def test_a_rig_calls_quantities_as_rig_files_do() -> None:
     }  # fmt: skip
 
 
-def test_what_is_so_is_always_called_true() -> None:
+def test_true_quantities_have_the_prefix_true_on_the_bus() -> None:
     for column, signal in signals_of(Truth).items():
         assert BUS_OUTPUTS[f"true_{bus_name(column, signal)}"] is signal
     true = {name for name in BUS_OUTPUTS if name.startswith("true_")}
     assert len(true) == len(Truth._fields)
 
 
-def test_a_sensor_that_is_added_changes_the_meaning_of_no_name() -> None:
-    """Whatever quantity of the truth it makes something of, its plain name is free."""
+def test_adding_a_sensor_does_not_change_the_meaning_of_an_existing_name() -> None:
+    """A quantity of the truth never has the plain name, which is reserved for a sensor."""
     sensed = {bus_name(name, signal): signal for name, signal in signals_of(Sensed).items()}
     for column, signal in signals_of(Truth).items():
         name = bus_name(column, signal)
@@ -172,14 +172,14 @@ def test_a_sensor_that_is_added_changes_the_meaning_of_no_name() -> None:
     assert signals.renamed_output("true_left_speed") == ""
 
 
-def test_a_name_that_stands_twice_is_refused() -> None:
+def test_a_duplicate_signal_name_is_refused() -> None:
     one = signals_of(Status)
     with pytest.raises(ValueError, match="pinch_force_max: two signals have this name"):
         signals.whole({"sensed": {"pinch_force_max": one["pinch_force_max"]}, "status": one})
 
 
 @pytest.mark.parametrize("offline", [False, True])
-def test_a_gate_with_one_drive_has_the_columns_of_the_left_one_alone(offline: bool) -> None:
+def test_a_gate_with_one_drive_has_only_the_left_columns(offline: bool) -> None:
     both, one = columns_of(2, offline), columns_of(1, offline)
     assert one == [name for name in both if "right" not in name]
     assert set(both) <= set(COLUMNS)

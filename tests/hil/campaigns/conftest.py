@@ -1,4 +1,4 @@
-"""A campaign's base, its rows, and a cluster of two workers, for all tests of a module."""
+"""Fixtures of the campaign tests: a base, its expected result rows, and a cluster of two workers per module."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Base:
 
 @pytest.fixture(scope="module")
 def expected(base: Base, tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
-    """The rows of all variants, one after the other in this process."""
+    """Result rows of all variants, evaluated one after the other in this process."""
     return evaluated(tmp_path_factory.mktemp("expected") / "store", base, Serial(base))
 
 

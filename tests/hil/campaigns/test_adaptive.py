@@ -1,4 +1,4 @@
-"""The search for the worst and the probability of a failure, on margins that are formulas."""
+"""Worst-case search and failure probability of a campaign, with margins computed by formulas in place of runs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Margin = Callable[[Floats], Floats]
 
 @dataclass
 class Formula:
-    """An executor whose margins of `soft` are a formula of the values."""
+    """An executor whose margins of the expectation `soft` are a formula of the varied values."""
 
     base: Base
     margin: Margin
@@ -66,7 +66,7 @@ class Formula:
     def run(
         self, batches: Iterable[Batch], store: Store, stopped: Callable[[], bool], told: Callable[[int], None]
     ) -> Iterator[Done]:
-        """Yield the batches as they are done."""
+        """Yield the result batches in the order in which they are evaluated."""
         for batch in batches:
             if stopped():
                 return
@@ -82,7 +82,7 @@ class Formula:
             yield Done(batch, 0)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: the executor holds no resources."""
 
 
 @pytest.fixture
@@ -109,14 +109,14 @@ PLANE = ("x~uniform(0,1)", "y~uniform(0,1)")
 NORMAL = ("x~normal(0,1)", "y~normal(0,1)")
 
 
-def test_margins_are_those_of_the_expectation_in_the_order_of_the_points(made: Callable) -> None:
+def test_margins_are_those_of_the_chosen_expectation_in_the_order_of_the_points(made: Callable) -> None:
     campaign, _, _ = made(total, *PLANE)
     found = Evaluations(campaign, "soft").margins(np.array([[0.5, 0.25], [1.0, 0.0], [0.0, 0.125]]))
     assert found.tolist() == [0.75, 1.0, 0.125]
     assert Evaluations(campaign, "other").margins(np.array([[0.5, 0.25]])).tolist() == [9.0]
 
 
-def test_points_that_repeat_are_evaluated_once_and_their_margins_keep_the_order(made: Callable) -> None:
+def test_repeated_points_are_evaluated_once_and_their_margins_keep_the_order(made: Callable) -> None:
     campaign, executor, _ = made(total, *PLANE)
     evaluations = Evaluations(campaign, "soft")
     points = np.array([[0.5, 0.25], [1.0, 0.0], [0.5, 0.25], [0.5, 0.25]])
@@ -127,7 +127,7 @@ def test_points_that_repeat_are_evaluated_once_and_their_margins_keep_the_order(
     assert [each.number for each in evaluations.history] == [1, 2, 3, 4]
 
 
-def test_a_margin_that_is_not_known_is_nan_and_known_to_be(made: Callable) -> None:
+def test_an_unknown_margin_is_nan_and_its_point_is_not_evaluated_again(made: Callable) -> None:
     campaign, executor, _ = made(lambda values: np.full(len(values), math.nan), *PLANE)
     evaluations = Evaluations(campaign, "soft")
     for _ in range(2):
@@ -135,13 +135,13 @@ def test_a_margin_that_is_not_known_is_nan_and_known_to_be(made: Callable) -> No
     assert len(executor.evaluated) == 1
 
 
-def test_new_points_are_shared_by_the_workers(made: Callable) -> None:
+def test_new_points_are_divided_among_the_workers(made: Callable) -> None:
     campaign, _, _ = made(total, *PLANE, workers=4)
     Evaluations(campaign, "soft").margins(np.random.default_rng(1).random((10, 2)))
     assert [len(each.values) for each in campaign.asked] == [3, 3, 3, 1]
 
 
-def test_a_campaign_that_is_resumed_finds_its_variants_in_the_store(made: Callable) -> None:
+def test_a_resumed_search_takes_its_evaluated_variants_from_the_store(made: Callable) -> None:
     ends = []
     for _ in range(2):
         campaign, executor, space = made(total, *PLANE)
@@ -152,7 +152,7 @@ def test_a_campaign_that_is_resumed_finds_its_variants_in_the_store(made: Callab
     assert campaign.progress.found == campaign.progress.done == 60
 
 
-def test_a_stop_ends_a_search(made: Callable) -> None:
+def test_a_stop_request_ends_a_search(made: Callable) -> None:
     campaign, executor, space = made(total, *PLANE)
     campaign.stopped = lambda: len(executor.evaluated) >= 20
     with pytest.raises(CampaignStoppedError):
@@ -182,7 +182,7 @@ def test_a_search_keeps_to_its_budget_and_finds_a_smaller_margin_than_as_many_ra
     assert worst.end.worst_margin == least
 
 
-def test_a_search_of_a_grid_ends_when_all_of_it_is_evaluated(made: Callable) -> None:
+def test_a_search_of_a_grid_ends_when_all_grid_points_are_evaluated(made: Callable) -> None:
     campaign, executor, space = made(total, "x=1,2,3", "y=10:40:4")
     worst = search_worst(campaign, space, "soft", 100, 1)
     assert worst.end.evaluations == len(worst.search) == 12
@@ -190,7 +190,7 @@ def test_a_search_of_a_grid_ends_when_all_of_it_is_evaluated(made: Callable) -> 
     assert len(set(executor.evaluated)) == 12
 
 
-def test_an_algorithm_that_asks_for_nothing_ends_at_once(made: Callable) -> None:
+def test_an_algorithm_that_requests_no_evaluation_ends_at_once(made: Callable) -> None:
     campaign, executor, space = made(total, *PLANE)
 
     def steps() -> Iterator[Floats]:
@@ -201,24 +201,24 @@ def test_an_algorithm_that_asks_for_nothing_ends_at_once(made: Callable) -> None
     assert executor.evaluated == []
 
 
-def test_shares_are_those_below_a_normal_variable() -> None:
+def test_shares_below_a_point_are_normal_cumulative_probabilities() -> None:
     points = np.array([[-3.0, 0.0], [1.5, 4.0]])
     np.testing.assert_allclose(share_below(points), norm.cdf(points), rtol=1e-12)
 
 
-def test_a_pocket_is_where_failures_are_most_probable() -> None:
+def test_a_pocket_is_the_most_probable_failing_point_of_its_direction() -> None:
     failing = np.array([[4.0, 0.1], [3.0, 0.0], [3.5, -0.2], [0.1, -4.2], [0.0, -4.0]])
     assert pockets_of(failing).tolist() == [[3.0, 0.0], [0.0, -4.0]]
 
 
 @pytest.mark.parametrize(("degrees", "count"), [(35.0, 1), (45.0, 2), (180.0, 2)])
-def test_pockets_are_in_different_directions(degrees: float, count: int) -> None:
+def test_failing_points_count_as_two_pockets_only_in_different_directions(degrees: float, count: int) -> None:
     angle = math.radians(degrees)
     failing = np.array([[2.0, 0.0], [3.0 * math.cos(angle), 3.0 * math.sin(angle)]])
     assert len(pockets_of(failing)) == count
 
 
-def test_pockets_are_few_and_none_is_in_the_middle_which_has_no_direction() -> None:
+def test_the_number_of_pockets_is_limited_and_the_origin_is_none_of_them() -> None:
     angles = np.radians(np.arange(0.0, 360.0, 45.0))
     assert len(pockets_of(np.column_stack([np.cos(angles), np.sin(angles)]))) == MOST_POCKETS
     assert pockets_of(np.array([[0.0, 0.0], [1.0, 0.0]])).tolist() == [[1.0, 0.0]]
@@ -226,7 +226,7 @@ def test_pockets_are_few_and_none_is_in_the_middle_which_has_no_direction() -> N
 
 
 def two_pockets(values: Floats) -> Floats:
-    """Return the distance from failing at x above 3.2 or at y below -3.4."""
+    """Return the margin of two failure regions, x above 3.2 or y below -3.4: the distance from the nearer one."""
     return np.minimum(3.2 - values[:, 0], 3.4 + values[:, 1])
 
 
@@ -238,7 +238,7 @@ def chance(first: float, second: float) -> float:
 BUDGET = 1200
 
 
-def test_the_probability_of_two_pockets_is_in_its_interval(made: Callable) -> None:
+def test_the_interval_of_the_probability_holds_the_truth_for_two_pockets(made: Callable) -> None:
     campaign, executor, space = made(two_pockets, *NORMAL)
     found = estimate_probability(campaign, space, "soft", BUDGET, 1)
     truth = chance(float(ndtr(-3.2)), float(ndtr(-3.4)))
@@ -252,7 +252,7 @@ def test_the_probability_of_two_pockets_is_in_its_interval(made: Callable) -> No
     assert campaign.progress.count == BUDGET
 
 
-def test_failures_with_a_margin_of_0_have_pockets_too(made: Callable) -> None:
+def test_pockets_are_found_where_the_margin_of_a_failure_is_0(made: Callable) -> None:
     campaign, executor, space = made(lambda values: np.maximum(two_pockets(values), 0.0), *NORMAL)
     executor.fails = lambda margin: margin == 0.0
     found = estimate_probability(campaign, space, "soft", BUDGET, 1)
@@ -261,7 +261,7 @@ def test_failures_with_a_margin_of_0_have_pockets_too(made: Callable) -> None:
     assert found.estimate.low <= chance(float(ndtr(-3.2)), float(ndtr(-3.4))) <= found.estimate.high
 
 
-def test_the_probability_follows_the_distributions_of_the_values(made: Callable) -> None:
+def test_the_probability_follows_the_distributions_of_the_varied_values(made: Callable) -> None:
     # x and y fail in their own units: beyond the 99.9 % quantile of x, below the 0.05 % quantile of y.
     campaign, _, space = made(
         lambda values: np.minimum(99.9 - values[:, 0], np.log(values[:, 1] / 100.0) + 0.3 * 3.2905),
@@ -273,14 +273,14 @@ def test_the_probability_follows_the_distributions_of_the_values(made: Callable)
     assert found.estimate.high < 10.0 * truth
 
 
-def test_values_of_a_grid_are_equally_probable(made: Callable) -> None:
+def test_values_of_a_grid_count_as_equally_probable(made: Callable) -> None:
     campaign, _, space = made(lambda values: 2.5 - values[:, 0], "x=0,1,2,3", "y~normal(0,1)")
     found = estimate_probability(campaign, space, "soft", BUDGET, 1).estimate
     assert found.low <= 0.25 <= found.high
     assert found.high < 0.4
 
 
-def test_an_expectation_that_never_fails_has_a_bound(made: Callable) -> None:
+def test_a_failure_probability_of_zero_has_an_upper_bound(made: Callable) -> None:
     campaign, _, space = made(lambda values: np.full(len(values), 5.0), *NORMAL)
     found = estimate_probability(campaign, space, "soft", BUDGET, 1)
     assert found.estimate.probability == 0.0

@@ -1,4 +1,4 @@
-"""What the variants of a campaign have in common, and what makes one of them."""
+"""The base of a campaign, what all its variants have in common, and the variants made from it."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ FIRST, SECOND = (VariedTarget(f"a.place[{k}]", KEY, REAL, (0.25, 0.5)) for k in 
         ([(VariedTarget("draw", DRAW), 3.0)], []),
     ],
 )
-def test_keys_of_the_vehicle_are_settings_with_numbers_as_the_file_has_them(
+def test_varied_vehicle_keys_become_settings_with_numbers_written_as_in_the_vehicle_file(
     given: list[tuple[VariedTarget, float]], settings: list[str]
 ) -> None:
     assert settings_of(given) == settings
 
 
-def test_values_go_where_their_names_stand_for(short: str) -> None:
+def test_each_varied_value_reaches_the_parameter_seed_draw_or_key_that_it_names(short: str) -> None:
     base = base_with(
         short, "rod=1,2", "seed=5,6", "draw=7,8", "supply.voltage=9,12", "gate.gravity_point[0]=0.4,0.5"
     )
@@ -80,7 +80,7 @@ def test_values_go_where_their_names_stand_for(short: str) -> None:
     assert job.request.settings[1].startswith("gate.gravity_point=[0.45, ")
 
 
-def test_what_the_request_fixes_stays_beside_what_varies(short: str) -> None:
+def test_fixed_parameters_settings_and_seed_remain_beside_the_varied_ones(short: str) -> None:
     more = {"parameters": {"angle": 60.0}, "settings": ("gate.mass=31",), "seed": 9}
     job = base_with(short, "rod=1,2", **more).job_of([2.0])
     assert job.request.parameters == {"angle": 60.0, "rod": 2.0}
@@ -88,18 +88,18 @@ def test_what_the_request_fixes_stays_beside_what_varies(short: str) -> None:
     assert job.request.seed == 9
 
 
-def test_a_coordinate_moves_only_itself(short: str) -> None:
+def test_varying_one_coordinate_of_a_point_keeps_the_other_one(short: str) -> None:
     base = base_with(short, "gate.gravity_point[1]=-0.1,0.1")
     before = gravity_point_of(base.job)
     assert gravity_point_of(base.job_of([0.07])) == (before[0], 0.07)
 
 
-def test_as_many_values_as_names_are_needed(short: str) -> None:
+def test_a_job_needs_as_many_values_as_there_are_varied_names(short: str) -> None:
     with pytest.raises(ValueError, match="zip"):
         base_with(short, "rod=1,2").job_of([1.0, 2.0])
 
 
-def test_a_base_makes_the_same_variants_in_another_process_without_its_files(short: str) -> None:
+def test_a_pickled_base_makes_the_same_variants_after_its_files_are_deleted(short: str) -> None:
     base = base_with(short, "rod=1,2", "supply.voltage=9,12")
     content = pickle.dumps(base)
     Path(short).unlink()
@@ -108,18 +108,16 @@ def test_a_base_makes_the_same_variants_in_another_process_without_its_files(sho
     assert plan_of(again.job_of([2.0, 9.0])).setup.scenario.parameters["rod"] == 2.0
 
 
-def test_expectations_are_in_the_order_of_the_scenario(short: str) -> None:
+def test_expectations_keep_the_order_of_the_scenario(short: str) -> None:
     assert base_with(short, "rod=1,2").expectations == ("stays open", "never hot")
 
 
-def test_draws_of_an_ideal_vehicle_are_refused(short: str) -> None:
+def test_varying_the_draw_of_an_ideal_vehicle_is_refused(short: str) -> None:
     with pytest.raises(ConfigError, match="draw"):
         base_with(short, "draw=1,2", ideal=True)
 
 
-def test_the_identity_depends_on_names_and_neither_on_values_nor_on_where_the_files_are(
-    short: str, tmp_path: Path
-) -> None:
+def test_the_identity_depends_on_varied_names_but_not_on_values_or_file_paths(short: str, tmp_path: Path) -> None:
     other = tmp_path / "other" / "renamed.toml"
     other.parent.mkdir()
     shutil.copy(short, other)
@@ -164,7 +162,7 @@ def test_the_identity_depends_on_the_points_of_a_profile_in_a_csv_file(tmp_path:
     assert len(identities) == 2
 
 
-def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:
+def test_names_of_batches_differ_with_values_their_order_and_the_base(short: str) -> None:
     base = base_with(short, "rod=1,2", "angle=1,2")
     other = base_with(short, "rod=1,2", "angle=1,2", seed=4)
     values = np.array([[1.0, 2.0], [3.0, 4.0]])
@@ -177,7 +175,7 @@ def test_names_of_batches_differ_with_values_order_and_base(short: str) -> None:
     assert all(len(each) == 32 for each in names)
 
 
-def test_the_name_of_a_batch_does_not_depend_on_how_its_values_are_in_memory(short: str) -> None:
+def test_the_name_of_a_batch_does_not_depend_on_the_memory_layout_of_its_values(short: str) -> None:
     base = base_with(short, "rod=1,2", "angle=1,2")
     values = np.arange(12.0).reshape(6, 2)
     expected = base.variant(values)

@@ -1,4 +1,4 @@
-"""Which points a design has, and in which order."""
+"""Designs of experiments of a campaign: which points they have, and in which order."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def whole(made: Design) -> np.ndarray:
     return made.values(0, made.count)
 
 
-def test_all_combinations_are_there_exactly_once() -> None:
+def test_a_full_grid_has_each_combination_exactly_once() -> None:
     made = design("rod=1,2,3", "supply.voltage=9,12", "angle=10:50:5", "seed=4,7")
     expected = set(itertools.product((1.0, 2.0, 3.0), (9.0, 12.0), (10.0, 20.0, 30.0, 40.0, 50.0), (4.0, 7.0)))
     assert made.count == 60
@@ -61,13 +61,13 @@ def test_all_combinations_are_there_exactly_once() -> None:
         ([], 0, False),
     ],
 )
-def test_seeds_and_drawn_cars_alone_are_a_sample_as_distributions_are(
+def test_a_design_of_seeds_and_drawn_cars_alone_counts_as_sampled(
     vary: list[str], samples: int, is_sampled: bool
 ) -> None:
     assert design(*vary, samples=samples).is_sampled == is_sampled
 
 
-def test_what_a_precondition_depends_on_changes_slowest() -> None:
+def test_factors_that_the_precondition_depends_on_change_slowest() -> None:
     made = design("rod=1,2,3", "supply.voltage=9,12", "angle=10,20", "seed=4,7", "draw=1,2", "gate.mass=30,31")
     slow = whole(made)[:, [1, 3, 4, 5]]
     changes = (np.diff(slow, axis=0) != 0.0).any(axis=1).sum()
@@ -85,7 +85,7 @@ MIXED = ("rod=1,2,3", "supply.voltage=9,12", "angle~uniform(0,1)", "vehicle")
 
 @CALM
 @given(st.integers(0, 80), st.integers(0, 90))
-def test_any_part_of_a_design_is_that_of_the_whole(first: int, count: int) -> None:
+def test_any_slice_of_a_design_equals_that_of_the_whole_design(first: int, count: int) -> None:
     made = mixed()
     np.testing.assert_array_equal(made.values(first, count), whole(made)[first : first + count])
 
@@ -95,7 +95,7 @@ def mixed() -> Design:
     return design(*MIXED, samples=11)
 
 
-def test_each_combination_gets_the_same_samples() -> None:
+def test_each_combination_of_grid_values_gets_the_same_samples() -> None:
     found = whole(mixed())
     assert len(found) == 3 * 2 * 11
     groups = {
@@ -118,13 +118,13 @@ def test_samples_do_not_depend_on_the_grids_beside_them() -> None:
     [*(("lhs", 4, count) for count in (1, 7, 64, 100)), ("sobol", 1, 64), ("sobol", 3, 64)],
 )
 def test_samples_have_one_point_in_each_stratum(method: str, dimensions: int, count: int) -> None:
-    """Of sobol those of a power of two."""
+    """Sobol samples only where their number is a power of two."""
     for each in shares_of(dimensions, count, method, 3).T:
         assert sorted(np.floor(each * count).astype(int).tolist()) == list(range(count))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_samples_are_those_of_their_seed(method: str) -> None:
+def test_samples_are_reproducible_by_seed(method: str) -> None:
     first, again, other = (shares_of(3, 20, method, seed) for seed in (7, 7, 8))
     np.testing.assert_array_equal(first, again)
     assert not (first == other).any()
@@ -137,7 +137,7 @@ def test_samples_are_in_the_unit_cube(method: str) -> None:
     assert ((shares >= 0.0) & (shares < 1.0)).all()
 
 
-def test_samples_leave_the_generator_of_the_caller_as_it_was() -> None:
+def test_sampling_leaves_numpys_global_generator_unchanged() -> None:
     np.random.seed(1)
     expected = np.random.random()
     np.random.seed(1)
@@ -155,7 +155,7 @@ def test_samples_leave_the_generator_of_the_caller_as_it_was() -> None:
         (["rod=1:2:100000", "angle=1:2:100000"], 0, "`vary`: 1e+10 variants; allowed: up to 1e+09"),
     ],
 )
-def test_samples_that_a_design_cannot_have_are_refused(vary: list[str], samples: int, message: str) -> None:
+def test_an_impossible_number_or_method_of_samples_is_refused(vary: list[str], samples: int, message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message)):
         design(*vary, samples=samples)
 

@@ -1,4 +1,4 @@
-"""Rows of a campaign are those of runs of their own, bit by bit."""
+"""Result rows of a campaign equal those of single runs, bit by bit."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def base_and_space(path: str, *vary: str, **more: object) -> tuple[Base, Space]:
 
 
 def alone(base: Base, values: list[float]) -> Result:
-    """Return the result of a variant by the public way of running a scenario."""
+    """Return the result of a variant, run as a single scenario by the public function `run`."""
     job = base.job_of(values)
     return run(
         str(job.request.scenario.path),  # type: ignore[union-attr]
@@ -73,7 +73,7 @@ def assert_row_is_that_of_a_run(evaluator: Evaluator, values: list[float]) -> Ro
     return row
 
 
-def test_a_row_is_that_of_a_run_whatever_was_evaluated_before(tmp_path: Path) -> None:
+def test_a_result_row_equals_that_of_a_single_run_whatever_was_evaluated_before(tmp_path: Path) -> None:
     base, space = base_and_space(
         scenario(tmp_path),
         "rod~loguniform(5e3,1e5)",
@@ -88,7 +88,7 @@ def test_a_row_is_that_of_a_run_whatever_was_evaluated_before(tmp_path: Path) ->
         assert_row_is_that_of_a_run(evaluator, values)
 
 
-def test_variants_share_a_precondition_and_are_as_runs_of_their_own(tmp_path: Path) -> None:
+def test_variants_that_share_a_precondition_equal_single_runs(tmp_path: Path) -> None:
     path = scenario(tmp_path, '["open", "close", "open"]', '"closed"')
     base, _ = base_and_space(path, "rod=10000,65000", "angle=50,65", "environment.road_slope_deg=0,8")
     evaluator = Evaluator(base)
@@ -98,13 +98,13 @@ def test_variants_share_a_precondition_and_are_as_runs_of_their_own(tmp_path: Pa
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """One entry for each precondition that is gone through."""
+    """A list that gets one entry for each precondition that is run."""
     found, whole = list[int](), start.after_precondition
     monkeypatch.setattr(start, "after_precondition", lambda *args: found.append(1) or whole(*args))
     return found
 
 
-def test_a_shared_precondition_is_gone_through_once(tmp_path: Path, calls: list[int]) -> None:
+def test_a_shared_precondition_is_run_once(tmp_path: Path, calls: list[int]) -> None:
     path = scenario(tmp_path, '["open"]', '"closed"')
     base, _ = base_and_space(path, "rod=10000,65000", "environment.road_slope_deg=0,8")
     evaluator = Evaluator(base)
@@ -118,14 +118,14 @@ SHORTENED = {"over_temperature": 60.0, "ten_attempts": 60.0}
 
 
 def pack() -> list[Path]:
-    """The pack's scenarios; of its grid, 15 files that differ in two numbers, three."""
+    """Scenarios of the pack; of its grid of 15 files that differ in two numbers only, three."""
     grid = ("trap_10deg_10npmm", "trap_40deg_20npmm", "trap_70deg_65npmm")
     paths = sorted(find_config("scenarios", "pack/undisturbed").parent.glob("*.toml"))
     return [path for path in paths if not path.stem.endswith("npmm") or path.stem in grid]
 
 
 @pytest.mark.parametrize("path", pack(), ids=lambda path: path.stem)
-def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path: Path) -> None:
+def test_each_pack_scenario_gives_the_same_result_from_a_shared_precondition(path: Path) -> None:
     base, _ = base_and_space(str(path), "seed=0,1", duration=SHORTENED.get(path.stem))
     evaluator = Evaluator(base)
     first = evaluator.row([0.0])
@@ -134,7 +134,7 @@ def test_each_scenario_of_the_pack_is_the_same_after_a_shared_precondition(path:
     np.testing.assert_array_equal(again.margins, first.margins)
 
 
-def test_variants_of_a_fault_and_a_profile_share_their_precondition(tmp_path: Path, calls: list[int]) -> None:
+def test_variants_with_another_fault_or_profile_share_their_precondition(tmp_path: Path, calls: list[int]) -> None:
     path = scenario(tmp_path, '["open"]', '"closed"')
     more = """
 [parameters]
@@ -170,8 +170,8 @@ def test_a_variant_that_the_loader_refuses_is_an_error_row(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["heavy-suv", "compact"])
-def test_numbers_put_into_a_vehicle_are_as_its_loader_makes_them(name: str) -> None:
-    """All of the vehicle that has most; of one with a single drive those that it has more, and one of a table."""
+def test_varied_numbers_put_into_a_vehicle_directly_give_the_vehicle_that_its_loader_makes(name: str) -> None:
+    """All keys of the heavy SUV; of the compact with its single drive, its further keys and one of each table."""
     file = read_vehicle(find_config("vehicles", name), name)
     other = {} if name == "heavy-suv" else read_vehicle(find_config("vehicles", "heavy-suv"), "heavy-suv").raw
     tables = {**DRIVE_TABLES, **BODY_TABLES}
@@ -206,7 +206,7 @@ def test_figures_of_a_run_without_a_pinch_have_no_reversal() -> None:
     assert math.isnan(found.reversal_distance_deg)
 
 
-def test_the_name_of_a_variant_changes_with_everything_that_its_result_depends_on(tmp_path: Path) -> None:
+def test_the_name_of_a_variant_changes_with_everything_that_affects_its_result(tmp_path: Path) -> None:
     path = scenario(tmp_path)
     base, _ = base_and_space(path, "rod=10000,20000")
     names = {base.variant([1e4]), base.variant([2e4]), base.variant([np.nextafter(1e4, 2e4)])}
@@ -220,7 +220,7 @@ def test_the_name_of_a_variant_changes_with_everything_that_its_result_depends_o
     assert base_of(plan_of(base.job), base.targets).variant([1e4]) in names
 
 
-def test_figures_are_named_as_the_columns_of_results() -> None:
+def test_figures_have_the_names_of_the_result_columns() -> None:
     assert Figures._fields[:4] == (
         "peak_pinch_force_n", "reversal_time_s", "reversal_distance_deg", "peak_current_a",
     )  # fmt: skip

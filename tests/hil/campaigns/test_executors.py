@@ -1,4 +1,4 @@
-"""What holds for every executor: the same rows, each batch in the store once, whatever dies meanwhile."""
+"""The contract of every executor: the same result rows, each batch stored once, whatever process dies."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def executor(request: pytest.FixtureRequest, base: Base, cluster: DaskProcesses)
     return MADE[request.param](base, cluster)
 
 
-def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
+def test_result_rows_are_the_same_bit_by_bit_on_every_executor(
     executor: Executor, base: Base, expected: pa.Table, tmp_path: Path
 ) -> None:
     found = evaluated(tmp_path, base, executor, size=7)
@@ -45,7 +45,7 @@ def test_rows_are_the_same_bit_by_bit_whoever_evaluates(
     assert {each.suffix for each in (tmp_path).iterdir()} == {".parquet"}
 
 
-def test_what_is_in_the_store_is_not_evaluated_again(executor: Executor, base: Base, tmp_path: Path) -> None:
+def test_batches_in_the_store_are_not_evaluated_again(executor: Executor, base: Base, tmp_path: Path) -> None:
     campaign = campaign_in(tmp_path, base, executor)
     batches = batches_of(base, VALUES, 6)
     campaign.evaluate(batches[1:3])
@@ -59,7 +59,7 @@ def test_what_is_in_the_store_is_not_evaluated_again(executor: Executor, base: B
     assert campaign.progress.found == 12
 
 
-def test_a_stop_ends_it_and_keeps_whole_batches(executor: Executor, base: Base, tmp_path: Path) -> None:
+def test_a_stop_ends_an_evaluation_and_keeps_whole_batches(executor: Executor, base: Base, tmp_path: Path) -> None:
     done = []
     campaign = campaign_in(tmp_path, base, executor, lambda: len(done) > 0)
     campaign.tell = lambda progress: done.append(progress.done)
@@ -85,7 +85,7 @@ def children_of(process: int) -> list[int]:
     return [int(each) for each in path.read_text().split()]
 
 
-def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
+def test_killing_worker_processes_loses_no_result_and_repeats_none(
     base: Base, expected: pa.Table, tmp_path: Path
 ) -> None:
     executor = Processes(base, 2)
@@ -106,10 +106,10 @@ def test_killed_worker_processes_lose_nothing_and_repeat_nothing(
     assert campaign.progress.retried >= 1
 
 
-def test_killed_workers_of_a_cluster_lose_nothing(
+def test_killing_workers_of_a_cluster_loses_no_result(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
-    """One after the other; each has a successor for later tests, which takes one to two seconds to start."""
+    """Each worker is killed in turn and replaced for later tests, which takes one to two seconds."""
     cluster.wait_for(2)
     campaign = campaign_in(tmp_path / "killed", base, Cluster(base, cluster.address))
     left = list(cluster.workers)
@@ -125,7 +125,7 @@ def test_killed_workers_of_a_cluster_lose_nothing(
     assert len(list((tmp_path / "killed").glob("*.parquet"))) == 12
 
 
-def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
+def test_a_lost_scheduler_is_reported_and_stored_batches_are_kept(
     base: Base, expected: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.campaigns.executors.cluster._GONE_S", 2.0)
@@ -147,7 +147,7 @@ def test_a_scheduler_that_is_gone_is_told_and_what_was_stored_is_kept(
     assert there.equals(expected)
 
 
-def test_workers_that_do_not_see_the_store_hand_their_batches_back(
+def test_workers_that_do_not_see_the_store_return_their_batches_to_the_campaign(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Store, "mark", lambda self: "a mark that no worker sees")
@@ -155,20 +155,20 @@ def test_workers_that_do_not_see_the_store_hand_their_batches_back(
     assert found.equals(expected)
 
 
-def test_workers_of_another_version_are_refused_by_name(base: Base, cluster: DaskProcesses) -> None:
+def test_workers_of_another_version_are_refused_with_their_address(base: Base, cluster: DaskProcesses) -> None:
     other = replace(base, versions={**base.versions, "liftgate-hil": "9.9"})
     with pytest.raises(ConfigError, match=r"worker tcp://[\d.:]+: liftgate-hil .*, here 9\.9; allowed"):
         Cluster(other, cluster.address)
 
 
-def test_an_address_without_a_scheduler_is_one_clear_message(base: Base, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_without_a_scheduler_is_reported(base: Base, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.campaigns.executors.cluster._CONNECT_S", 1.0)
     with pytest.raises(ConfigError, match=r"`scheduler` tcp://127.0.0.1:9"):
         Cluster(base, "tcp://127.0.0.1:9")
 
 
 def processes_in(folder: Path) -> list[int]:
-    """Processes that have a file of a folder in their memory, as that of an ECU which was left behind."""
+    """Return the processes that map a file of a folder into memory, as a process of an ECU left behind does."""
     found = []
     for each in Path("/proc").glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):
@@ -190,7 +190,7 @@ def processes_in(folder: Path) -> list[int]:
         ("{ if (fork() == 0) { setsid(); for (;;) pause(); } }", ""),
     ],
 )
-def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
+def test_a_crashing_library_ends_only_a_child_process_and_its_static_variables_start_fresh(
     end: str, cause: str, tmp_path: Path
 ) -> None:
     library = build(tmp_path, silent_ecu(f"if (steps == 300) {end};"))
@@ -204,7 +204,7 @@ def test_a_library_that_crashes_does_so_in_a_child_and_its_statics_are_fresh(
     assert not processes_in(tmp_path)
 
 
-def test_no_process_is_left_behind(base: Base, tmp_path: Path) -> None:
+def test_executors_leave_no_process_behind(base: Base, tmp_path: Path) -> None:
     before = set(children_of(os.getpid()))
     executor = Processes(base, 2)
     evaluated(tmp_path, base, executor, VALUES[:4], 2)

@@ -1,4 +1,4 @@
-"""Campaign files: what they say, what is refused, and what the command's flags replace."""
+"""Campaign files: their content, what is refused, and what the flags of the command replace."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def refusal(folder: Path, content: str, **more: object) -> list[str]:
     return list(caught.value.issues)
 
 
-def test_a_file_has_the_requests_of_its_parts(tmp_path: Path) -> None:
+def test_each_part_of_a_file_becomes_a_campaign_request(tmp_path: Path) -> None:
     found = read(tmp_path)
     assert (found.title, found.description) == ("Both", "of two")
     first, second = (each.request for each in found.parts)
@@ -59,13 +59,13 @@ def test_a_file_has_the_requests_of_its_parts(tmp_path: Path) -> None:
     assert second == CampaignRequest("demo", ("angle=20:60:5", "seed=1,2"), method="sobol")
 
 
-def test_a_part_or_a_file_without_a_title_is_called_by_its_name(tmp_path: Path) -> None:
+def test_a_part_or_a_file_without_a_title_is_titled_by_its_name(tmp_path: Path) -> None:
     parts = read(tmp_path).parts
     assert [(each.name, each.title) for each in parts] == [("first", "The first"), ("second", "second")]
     assert read(tmp_path, TWO.replace('title = "Both"\n', "", 1)).title == "both"
 
 
-def test_what_the_flags_say_holds_for_all_parts(tmp_path: Path) -> None:
+def test_flags_of_the_command_apply_to_all_parts(tmp_path: Path) -> None:
     more = {"ecu": "mutant:threshold_too_high", "vehicle": "compact", "seed": 7, "settings": ("gate.mass=31",)}
     for part in read(tmp_path, **more).parts:
         request = part.request
@@ -80,26 +80,26 @@ def test_what_the_flags_say_holds_for_all_parts(tmp_path: Path) -> None:
         (("rod~loguniform(1,9)", "angle=5"), ("rod~loguniform(1,9)", "angle=5"), ("angle=5", "seed=1,2")),
     ],
 )
-def test_vary_replaces_grids_and_distributions_of_a_name_in_each_part_that_has_it(
+def test_vary_replaces_the_grid_or_distribution_of_a_name_in_each_part_that_has_it(
     tmp_path: Path, vary: tuple[str, ...], first: tuple[str, ...], second: tuple[str, ...]
 ) -> None:
     assert [each.request.vary for each in read(tmp_path, vary=vary).parts] == [first, second]
 
 
-def test_a_name_that_only_begins_alike_is_not_replaced(tmp_path: Path) -> None:
+def test_vary_does_not_replace_a_name_that_only_has_the_same_prefix(tmp_path: Path) -> None:
     content = TWO.replace('"seed=1,2"', '"draw=1,2"').replace("rod=1,2", "rod.x=1,2")
     assert refusal(tmp_path, content, vary=("rod=5",)) == [
         f"`vary` rod=5: allowed: names that a part of {tmp_path / 'both.toml'} varies"
     ]
 
 
-def test_a_name_that_no_part_varies_is_refused(tmp_path: Path) -> None:
+def test_vary_of_a_name_that_no_part_varies_is_refused(tmp_path: Path) -> None:
     messages = refusal(tmp_path, TWO, vary=("rod=1", "gate.mass=30,31", "draw=1"))
     allowed = f"allowed: names that a part of {tmp_path / 'both.toml'} varies"
     assert messages == [f"`vary` gate.mass=30,31: {allowed}", f"`vary` draw=1: {allowed}"]
 
 
-def test_samples_replace_those_of_parts_that_have_some(tmp_path: Path) -> None:
+def test_samples_replaces_the_number_only_in_parts_that_have_one(tmp_path: Path) -> None:
     assert [each.request.samples for each in read(tmp_path, samples=5).parts] == [5, None]
 
 
@@ -107,7 +107,7 @@ def test_samples_replace_those_of_parts_that_have_some(tmp_path: Path) -> None:
     ("vary", "samples", "expected"),
     [("supply.voltage~uniform(9,12)", 5, [5, 5]), ("gate.mass=30,31", 0, [None, None])],
 )
-def test_samples_follow_what_replaces_a_grid_or_the_only_distribution_of_a_part(
+def test_samples_follows_whether_vary_adds_or_removes_the_only_distribution_of_a_part(
     tmp_path: Path, vary: str, samples: int, expected: list[int | None]
 ) -> None:
     content = (
@@ -144,7 +144,7 @@ def test_samples_follow_what_replaces_a_grid_or_the_only_distribution_of_a_part(
         ),
     ],
 )  # fmt: skip
-def test_what_is_not_allowed_is_refused_with_file_key_and_value(
+def test_an_invalid_campaign_file_is_refused_with_file_key_and_value(
     content: str, message: str, tmp_path: Path
 ) -> None:
     issues = refusal(tmp_path, content)
@@ -152,7 +152,7 @@ def test_what_is_not_allowed_is_refused_with_file_key_and_value(
     assert issues[0].startswith(message.format(path=tmp_path / "both.toml"))
 
 
-def test_all_issues_of_all_parts_are_told_at_once(tmp_path: Path) -> None:
+def test_all_issues_of_all_parts_are_reported_at_once(tmp_path: Path) -> None:
     content = '[[part]]\nname = "a/b"\nscenario = "demo"\n[[part]]\nsamples = "many"\nscenario = "demo"'
     assert len(refusal(tmp_path, content)) == 3
     assert refusal(tmp_path, 'part = ["a"]')[0].startswith(f"{tmp_path / 'both.toml'}: part[0]: ")
@@ -174,12 +174,12 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_an_unknown_shipped_campaign_or_a_path_is_refused_with_those_that_there_are(name: str, said: str) -> None:
+def test_an_unknown_shipped_campaign_is_refused_with_the_existing_ones(name: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_campaign_file(name, CampaignRequest(name, ()))
 
 
-def test_files_with_parts_are_campaigns_and_others_are_not(tmp_path: Path) -> None:
+def test_only_toml_files_with_parts_are_campaign_files(tmp_path: Path) -> None:
     name = write(tmp_path)
     broken = tmp_path / "broken.toml"
     broken.write_text("= [")
@@ -202,7 +202,7 @@ def test_each_part_of_a_shipped_campaign_can_be_prepared(name: str) -> None:
         assert made.space.targets
 
 
-def test_the_trap_matrix_has_its_rods_and_samples() -> None:
+def test_the_shipped_trap_matrix_has_its_rods_and_2000_undisturbed_samples() -> None:
     found = read_campaign_file("pack:trap-matrix", CampaignRequest("pack:trap-matrix", ()))
     rods, undisturbed = found.parts
     assert (rods.name, undisturbed.name) == ("rods", "undisturbed")
@@ -211,7 +211,7 @@ def test_the_trap_matrix_has_its_rods_and_samples() -> None:
     assert undisturbed.request.samples == 2000
 
 
-def test_a_shorter_trap_matrix_is_a_matter_of_flags() -> None:
+def test_flags_shorten_the_trap_matrix() -> None:
     given = ("angle=40", "seed=1,2", "environment.road_slope_deg=0,8")
     found = read_campaign_file("pack:trap-matrix", CampaignRequest("pack:trap-matrix", given, samples=8))
     rods, undisturbed = (each.request for each in found.parts)
@@ -223,6 +223,6 @@ def test_a_shorter_trap_matrix_is_a_matter_of_flags() -> None:
 @pytest.mark.parametrize(
     "name", ["campaign.json", "results.parquet", "report.html", "batches", "DATA.md", "Report.HTML"]
 )
-def test_a_part_cannot_have_the_name_of_a_campaigns_own_file(tmp_path: Path, name: str) -> None:
+def test_a_part_named_like_an_output_file_of_a_campaign_is_refused(tmp_path: Path, name: str) -> None:
     (line,) = refusal(tmp_path, TWO.replace('"second"', f'"{name}"'))
     assert line.endswith(f"part[1].name: '{name}': a campaign's own file; allowed: another name")

@@ -1,4 +1,4 @@
-"""Campaigns of which one operation on files fails, or is the last: nothing is lost, and the rest is resumed."""
+"""Campaigns in which a file operation fails or the process is killed at one: no data is lost, and they resume."""
 
 from __future__ import annotations
 
@@ -39,31 +39,31 @@ FOREIGN = {
 
 
 class Campaign(NamedTuple):
-    """A campaign's folder, and the one of its batches."""
+    """A campaign's folder and the folder of its batches."""
 
     output: Path
     store: Path
     voltages: str = "10:15:6"
 
     def arguments(self, *flags: str) -> list[str]:
-        """The command that runs it."""
+        """The arguments of the command that runs the campaign."""
         return [
             "campaign", str(self.output.parent / "s.toml"), "--vary", f"supply.voltage={self.voltages}",
             "--jobs", "1", "--output", str(self.output), "--store", str(self.store), *flags,
         ]  # fmt: skip
 
     def batches(self) -> dict[str, bytes]:
-        """The batches that are there, by name."""
+        """The contents of the stored batches, by file name."""
         found = {each.name: each for each in self.store.glob("*.parquet")}
         return {name: each.read_bytes() for name, each in found.items() if re.fullmatch("[0-9a-f]{32}", each.stem)}
 
     def is_complete(self) -> bool:
-        """Whether campaign.json says so."""
+        """Whether campaign.json says that the campaign is complete."""
         path = self.output / "campaign.json"
         return path.exists() and json.loads(path.read_bytes())["is_complete"]
 
     def results(self) -> tuple[pa.Table, dict[str, Any], bytes]:
-        """Results without what differs from run to run: rows, verdicts, text on the data."""
+        """Result rows, verdicts and data text, without values that differ from run to run."""
         manifest = json.loads((self.output / "campaign.json").read_bytes())
         assert (self.output / "report.html").read_text().rstrip().endswith("</html>")
         return (
@@ -95,20 +95,20 @@ def with_foreign_files(campaign: Campaign) -> Campaign:
 
 
 def assert_foreign_files_are_there(campaign: Campaign) -> None:
-    """Assert that foreign files are as they were; those at the places of a campaign's own, under any name."""
+    """Assert that foreign files are unchanged; those in the place of a campaign's own files, under any name."""
     for folder in (campaign.output, campaign.store):
         assert {name: (folder / name).read_bytes() for name in FOREIGN} == FOREIGN
     assert {*NAMED_LIKE_OURS.values()} <= {each.read_bytes() for each in campaign.output.iterdir()}
 
 
 def names_in(campaign: Campaign) -> set[str]:
-    """The names of all files, without those under which foreign ones were set aside."""
+    """The names of all files, without those under which foreign files were set aside."""
     found = [each.name for folder in (campaign.output, campaign.store) for each in folder.iterdir()]
     return {each for each in found if ".previous" not in each}
 
 
 class Expected(NamedTuple):
-    """Results and names of files of an undisturbed campaign."""
+    """Results and file names of a campaign that nothing disturbed."""
 
     results: tuple[pa.Table, dict[str, Any], bytes]
     names: set[str]
@@ -129,7 +129,7 @@ def expected(commands: FaultyCommands, tmp_path_factory: pytest.TempPathFactory)
 
 
 def assert_told(said: list[str], folder: Path, fault: Fault) -> None:
-    """Check that one line names a file and the cause; files that were set aside have lines of their own."""
+    """Assert that one line names a file and the cause, beside a line for each file that was set aside."""
     (line,) = [each for each in said if "the file that was there is now" not in each]
     assert re.search(f"{folder}/.*: {os.strerror(fault.number)}", line)
 
@@ -139,7 +139,7 @@ def assert_told(said: list[str], folder: Path, fault: Fault) -> None:
     [(errno.EIO, False, READING | WRITING), (errno.ENOSPC, True, WRITING), (0, False, READING | WRITING)],
     ids=["one error", "a full disk", "killed"],
 )
-def test_whatever_fails_nothing_is_lost_and_the_rest_is_resumed(
+def test_a_failed_file_operation_or_a_kill_loses_no_batch_and_the_campaign_resumes(
     tmp_path: Path, commands: FaultyCommands, expected: Expected, number: int, is_lasting: bool, kinds: int
 ) -> None:
     failed = 0
@@ -168,7 +168,7 @@ def test_whatever_fails_nothing_is_lost_and_the_rest_is_resumed(
 
 
 @pytest.mark.parametrize("number", [errno.EDQUOT, 0], ids=["quota", "killed"])
-def test_a_campaign_that_fails_does_no_harm_to_another_one_in_its_store(
+def test_a_failing_campaign_does_not_harm_another_one_that_shares_its_store(
     tmp_path: Path, commands: FaultyCommands, expected: Expected, number: int
 ) -> None:
     for place in range(2, 5):

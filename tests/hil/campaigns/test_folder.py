@@ -1,4 +1,4 @@
-"""The folder of a campaign: its files are whole or as before, and a row is found by the name's first digits."""
+"""The folder of a campaign: its files are whole or unchanged, and a variant is found by its first digits."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def names_in(folder: Folder) -> list[str]:
     return sorted(each.name for each in folder.path.iterdir())
 
 
-def test_a_folder_that_is_there_is_used(folder: Folder) -> None:
+def test_an_existing_folder_is_used_and_its_files_are_kept(folder: Folder) -> None:
     (folder.path / "kept").write_text("")
     folder.create()
     assert names_in(folder) == ["kept"]
@@ -50,14 +50,14 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
         Folder(tmp_path / "file" / "out").create()
 
 
-def test_a_manifest_comes_back(folder: Folder) -> None:
+def test_a_written_manifest_reads_back_the_same(folder: Folder) -> None:
     assert not folder.has_campaign
     folder.write_manifest({"identity": "äöü", "numbers": [1, 2.5, None]})
     assert folder.has_campaign
     assert folder.manifest() == {"format": 2, "identity": "äöü", "numbers": [1, 2.5, None]}
 
 
-def test_a_request_comes_back(folder: Folder) -> None:
+def test_a_written_request_reads_back_the_same(folder: Folder) -> None:
     request = CampaignRequest(
         "demo", ("rod=1,2",), settings=("gate.mass=31",), parameters={"a": 1.0}, draw=3, samples=4
     )
@@ -65,7 +65,7 @@ def test_a_request_comes_back(folder: Folder) -> None:
     assert folder.request() == request
 
 
-def test_a_number_that_json_has_not_is_never_written(folder: Folder) -> None:
+def test_nan_is_never_written_into_a_manifest(folder: Folder) -> None:
     folder.write_manifest({"one": 1})
     with pytest.raises(ValueError, match="JSON"):
         folder.write_manifest({"one": math.nan})
@@ -85,7 +85,7 @@ def test_a_number_that_json_has_not_is_never_written(folder: Folder) -> None:
         (b'{"format": 3}', "format: not of this version; allowed: 2; run the campaign again"),
     ],
 )
-def test_a_manifest_of_something_else_is_one_clear_message(content: bytes, message: str, folder: Folder) -> None:
+def test_an_invalid_manifest_is_reported_in_one_message(content: bytes, message: str, folder: Folder) -> None:
     (folder.path / MANIFEST).write_bytes(content)
     with pytest.raises(ConfigError, match=f"{folder.path / MANIFEST}: {message}") as caught:
         folder.manifest()
@@ -109,7 +109,7 @@ def test_a_manifest_without_a_request_of_this_version_is_refused(content: object
     assert len(caught.value.issues) == 1
 
 
-def test_tables_are_one_file_in_their_order(folder: Folder) -> None:
+def test_result_tables_are_joined_in_order_into_one_file(folder: Folder) -> None:
     assert folder.write_results([]) == 0
     assert names_in(folder) == []
     assert folder.write_results([table_of("a", "b"), table_of("c"), table_of("d", "e")]) == 5
@@ -117,7 +117,7 @@ def test_tables_are_one_file_in_their_order(folder: Folder) -> None:
     assert names_in(folder) == [RESULTS]
 
 
-def test_many_small_tables_are_few_row_groups(folder: Folder) -> None:
+def test_many_small_tables_are_written_as_few_row_groups(folder: Folder) -> None:
     part = table_of(*(str(k) for k in range(1000)))
     assert folder.write_results([part] * 40) == 40_000
     file = pq.ParquetFile(folder.path / RESULTS)
@@ -129,7 +129,7 @@ def test_many_small_tables_are_few_row_groups(folder: Folder) -> None:
     "error", [CampaignStoppedError(), StoreError("full"), KeyboardInterrupt(), OSError(28, "No space")]
 )
 @pytest.mark.parametrize("count", [1, 20_000])
-def test_results_that_cannot_be_completed_leave_the_old_ones(
+def test_results_that_cannot_be_completed_leave_the_previous_file(
     error: BaseException, count: int, folder: Folder
 ) -> None:
     folder.write_results([table_of("old")])
@@ -145,7 +145,7 @@ def test_results_that_cannot_be_completed_leave_the_old_ones(
     assert names_in(folder) == [RESULTS]
 
 
-def test_a_lost_folder_is_told(folder: Folder) -> None:
+def test_a_folder_that_vanished_is_reported(folder: Folder) -> None:
     folder.path.rmdir()
     for call in (
         lambda: folder.write_results([table_of("a")]),
@@ -156,7 +156,7 @@ def test_a_lost_folder_is_told(folder: Folder) -> None:
             call()
 
 
-def test_a_file_that_cannot_be_written_leaves_the_old_one_and_no_rest(folder: Folder) -> None:
+def test_a_failed_write_leaves_the_previous_file_and_no_temporary_one(folder: Folder) -> None:
     (folder.path / "report.html").mkdir()
     (folder.path / "report.html" / "inside").write_text("")
     with pytest.raises(StoreError, match=rf"{folder.path}/report.html: "):
@@ -164,7 +164,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one_and_no_rest(folder: Fo
     assert names_in(folder) == ["report.html"]
 
 
-def test_a_file_is_replaced_as_a_whole(folder: Folder) -> None:
+def test_a_file_is_replaced_as_a_whole_by_a_shorter_one(folder: Folder) -> None:
     folder.write("report.html", b"a longer one")
     folder.write("report.html", b"short")
     assert (folder.path / "report.html").read_bytes() == b"short"
@@ -175,7 +175,7 @@ VARIANTS = ("abc1", "abd2", "x3", "abd2")
 
 
 @pytest.mark.parametrize(("given", "place"), [("abc1", 0), ("abc", 0), ("x", 2), ("abd", 1)])
-def test_a_variant_is_found_by_its_first_digits(given: str, place: int, folder: Folder) -> None:
+def test_a_variant_is_found_by_the_first_digits_of_its_name(given: str, place: int, folder: Folder) -> None:
     folder.write_results([table_of(*VARIANTS)])
     assert folder.find(given) == {"variant": VARIANTS[place], "rod": float(place)}
 
@@ -187,7 +187,7 @@ def test_a_variant_is_found_by_its_first_digits(given: str, place: int, folder: 
         ("ABC1", "no such variant"), ("bc1", "no such variant"),
     ],
 )  # fmt: skip
-def test_a_variant_that_is_not_one_is_refused(given: str, what: str, folder: Folder) -> None:
+def test_an_ambiguous_or_unknown_variant_is_refused(given: str, what: str, folder: Folder) -> None:
     folder.write_results([table_of(*VARIANTS)])
     with pytest.raises(ConfigError) as caught:
         folder.find(given)
@@ -195,7 +195,7 @@ def test_a_variant_that_is_not_one_is_refused(given: str, what: str, folder: Fol
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no table", pa.table({"x": [1]})])
-def test_results_that_cannot_be_read_are_refused(content: bytes | pa.Table | None, folder: Folder) -> None:
+def test_an_unreadable_result_file_is_refused(content: bytes | pa.Table | None, folder: Folder) -> None:
     if isinstance(content, bytes):
         (folder.path / RESULTS).write_bytes(content)
     elif content is not None:
@@ -205,7 +205,7 @@ def test_results_that_cannot_be_read_are_refused(content: bytes | pa.Table | Non
 
 
 def killed_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
-    """A folder's campaign that was killed while it wrote a file."""
+    """Leave a folder as a campaign that was killed while it wrote a file, and return its folder object."""
 
     def killed(path: Path, *_: Path) -> None:
         raise SystemExit
@@ -219,7 +219,7 @@ def killed_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> Folder:
     return found
 
 
-def test_what_killed_campaigns_have_left_is_removed_by_the_next_one(
+def test_temporary_files_of_killed_campaigns_are_removed_by_the_next_one(
     folder: Folder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = [killed_in(folder.path, monkeypatch) for _ in range(2)]
@@ -230,7 +230,7 @@ def test_what_killed_campaigns_have_left_is_removed_by_the_next_one(
     assert names_in(folder) == [LOCK]
 
 
-def test_where_nobody_can_tell_who_runs_the_files_stay(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_temporary_files_stay_where_locks_are_unsupported(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_locks(*_: int) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
@@ -243,7 +243,7 @@ def test_where_nobody_can_tell_who_runs_the_files_stay(folder: Folder, monkeypat
     assert names_in(folder) == before
 
 
-def test_a_token_that_was_not_written_as_a_whole_is_none(folder: Folder) -> None:
+def test_a_token_that_was_only_partly_written_is_ignored(folder: Folder) -> None:
     whole = "0" * 32
     (folder.path / LOCK).write_text(f"\n{whole}\n01")
     with folder.claimed():
@@ -256,14 +256,14 @@ def test_a_token_that_was_not_written_as_a_whole_is_none(folder: Folder) -> None
 
 
 @pytest.mark.parametrize("content", ["pid 12", "4711\n", "0" * 32, "\n" + "0" * 33])
-def test_a_lock_of_another_program_is_not_written_to(folder: Folder, content: str) -> None:
+def test_a_lock_file_of_another_program_is_not_written_to(folder: Folder, content: str) -> None:
     (folder.path / LOCK).write_text(content)
     with folder.claimed():
         assert folder.ended == [folder.token]
     assert (folder.path / LOCK).read_text() == content
 
 
-def test_a_lock_that_cannot_be_closed_hides_no_error(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_to_close_the_lock_hides_no_other_error(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     close = os.close
 
     def failing(descriptor: int) -> None:
@@ -285,7 +285,7 @@ def test_a_lock_that_cannot_be_closed_hides_no_error(folder: Folder, monkeypatch
         ("parameters", {"rod": True}), ("scenario", None), ("scenario", 5), ("settings", 5), ("kind", True),
     ],
 )  # fmt: skip
-def test_a_value_that_no_campaign_has_written_is_named(folder: Folder, name: str, value: object) -> None:
+def test_a_request_value_of_a_wrong_type_is_reported_by_its_key(folder: Folder, name: str, value: object) -> None:
     folder.write_manifest({"request": {**CampaignRequest("demo", ("rod=1,2",)).kept(), name: value, "method": 3}})
     with pytest.raises(ConfigError) as caught:
         folder.request()
@@ -297,7 +297,7 @@ def test_a_value_that_no_campaign_has_written_is_named(folder: Folder, name: str
 
 
 @pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
-def test_a_folder_without_locks_is_used_and_says_so(
+def test_a_folder_without_file_locks_is_used_without_a_lock(
     folder: Folder, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     with folder.claimed() as is_claimed:
@@ -313,7 +313,7 @@ def test_a_folder_without_locks_is_used_and_says_so(
         assert not is_claimed
 
 
-def test_files_of_others_in_the_place_of_a_campaigns_are_set_aside(folder: Folder) -> None:
+def test_foreign_files_in_the_place_of_a_campaigns_files_are_set_aside(folder: Folder) -> None:
     (folder.path / RESULTS).write_bytes(b"somebody's")
     (folder.path / REPORT).write_text(page("ours", "", []))
     (folder.path / BATCHES).mkdir()

@@ -1,4 +1,4 @@
-"""Summaries, heat maps, comparisons and pages of results that were made by hand."""
+"""Summaries, heat maps, comparisons and report pages of hand-made campaign results."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _sign(margin: float | None) -> str:
 def write(
     path: Path, verdicts: Sequence[str], varied: dict[str, Any], margins: dict[str, Values], **more: Any
 ) -> Path:
-    """Write a file of results."""
+    """Write a file of campaign results, and return its path."""
     count = len(verdicts)
     columns: dict[str, Any] = {"variant": [f"{k:032x}" for k in range(count)]}
     columns |= {name: pa.array(each, pa.float64()) for name, each in varied.items()}
@@ -83,32 +83,32 @@ def test_verdicts_margins_and_errors_are_counted(small: Path) -> None:
     assert list(found.errors) == [("it broke", 2), ("no such", 1)]  # the most frequent first
 
 
-def test_the_report_is_about_the_expectation_that_fails_most_or_was_asked_for(small: Path) -> None:
+def test_the_report_is_about_the_expectation_that_fails_most_or_the_chosen_one(small: Path) -> None:
     assert summary_of(small, ["rod"], ["soft", "far"]).driver == "margin.soft"
     found = summary_of(small, ["rod"], ["soft", "far"], "far")
     assert found.driver == "margin.far"
     np.testing.assert_array_equal(found.result, [1.0, 1.0, -2.0, NAN, 0.0, 5.0, NAN, NAN])
 
 
-def test_the_report_is_about_the_force_where_nothing_fails(tmp_path: Path) -> None:
+def test_the_report_is_about_the_pinch_force_where_nothing_fails(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["pass"] * 3, {"rod": [1, 2, 3]}, {"soft": [1, 2, 3]}, force=[5.0, 9.0, 7.0])
     found = summary_of(path, ["rod"], ["soft"])
     assert found.driver == "peak_pinch_force_n"
     assert [each.force for each in found.worst] == [9.0, 7.0, 5.0]
 
 
-def test_the_worst_variants_come_first_and_those_without_a_result_not_at_all(small: Path) -> None:
+def test_the_worst_variants_come_first_and_variants_without_a_result_are_not_listed(small: Path) -> None:
     worst = summary_of(small, ["rod"], ["soft", "far"]).worst
     assert [each.margin for each in worst] == [-3.0, -1.0, 2.0, 4.0]
     assert worst[0] == (f"{5:032x}", (6.0,), "fail", -3.0, 300.0)
 
 
-def test_ten_of_many_variants_are_listed_and_equal_ones_in_their_order(tmp_path: Path) -> None:
+def test_only_the_ten_worst_variants_are_listed_with_ties_in_file_order(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["fail"] * 40, {"rod": range(40)}, {"soft": [-1.0] * 20 + [-2.0] * 20})
     assert [each.values[0] for each in summary_of(path, ["rod"], ["soft"]).worst] == list(range(20, 30))
 
 
-def test_names_with_dots_and_brackets_are_columns_of_their_own(tmp_path: Path) -> None:
+def test_names_with_dots_and_brackets_are_separate_columns(tmp_path: Path) -> None:
     varied = {"gate.gravity_point[0]": [0.1, 0.2], "gate": [5.0, 6.0]}
     path = write(tmp_path / "r", ["pass", "fail"], varied, {"a": [1.0, 2.0], "a.b": [3.0, -4.0]})
     found = summary_of(path, list(varied), ["a", "a.b"])
@@ -116,14 +116,14 @@ def test_names_with_dots_and_brackets_are_columns_of_their_own(tmp_path: Path) -
     assert [each.least for each in found.expectations] == [1.0, -4.0]
 
 
-def test_results_without_any_margin_have_a_summary(tmp_path: Path) -> None:
+def test_results_without_any_margin_can_be_summarized(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["error"] * 3, {"rod": [1, 2, 3]}, {"soft": [None] * 3}, force=[NAN] * 3)
     found = summary_of(path, ["rod"], ["soft"])
     assert math.isnan(found.expectations[0].least)
     assert found.worst == []
 
 
-def test_a_cell_has_the_worst_of_its_variants() -> None:
+def test_a_heat_map_cell_has_the_worst_result_of_its_variants() -> None:
     across, down = np.array([1.0, 1.0, 2.0, 2.0, 2.0]), np.array([5.0, 5.0, 5.0, 7.0, 7.0])
     results = np.array([3.0, 9.0, 4.0, NAN, 6.0])
     high = cells_of(across, down, results, is_low_worst=False)
@@ -137,7 +137,7 @@ def test_a_cell_has_the_worst_of_its_variants() -> None:
     ("spaced", "low", "high"),
     [(np.linspace, 5.0, 10.0), (np.linspace, -3.0, 3.0), (np.geomspace, 1.0, 1000.0)],  # as wide in the logarithm
 )
-def test_cells_of_continuous_values_hold_each_variant_once(spaced: Any, low: float, high: float) -> None:
+def test_heat_map_cells_of_continuous_values_hold_each_variant_once(spaced: Any, low: float, high: float) -> None:
     generator = np.random.default_rng(1)
     across = generator.permutation(spaced(low, high, 500))
     results = generator.random(500)
@@ -149,12 +149,12 @@ def test_cells_of_continuous_values_hold_each_variant_once(spaced: Any, low: flo
         assert np.nanmax(cells.worst[:, k], initial=-1.0) == max(own, default=-1.0)
 
 
-def test_a_uniform_value_from_0_has_classes_of_equal_width() -> None:
+def test_a_value_that_is_uniform_from_0_has_classes_of_equal_width() -> None:
     x = np.random.default_rng(1).uniform(0.0, 10.0, 500)
     assert np.isfinite(cells_of(x, np.zeros(500), np.ones(500), False).worst).mean() > 0.9
 
 
-def test_cells_name_the_middle_of_a_class_and_no_two_alike() -> None:
+def test_heat_map_cells_are_named_after_distinct_class_middles() -> None:
     cells = cells_of(np.linspace(0.0, 20.0, 100), np.linspace(0.0, 1.0, 100) // 0.5, np.ones(100), False)
     assert cells.columns == tuple(f"{each:g}" for each in range(1, 20, 2))
     close = cells_of(np.array([1234567.0, 1234568.0]), np.zeros(2), np.ones(2), False)
@@ -162,7 +162,7 @@ def test_cells_name_the_middle_of_a_class_and_no_two_alike() -> None:
 
 
 def cell_styles(good: float, bad: float, *values: float) -> list[tuple[bool, str, str]]:
-    """Return whether each cell is framed, its colour and its text."""
+    """Return for each cell of a heat map whether it is framed, its colour and its text."""
     cells = cells_of(np.arange(float(len(values))), np.zeros(len(values)), np.array(values), False)
     html = heat_map(cells, "x", "y", good, bad, 1)
     return [
@@ -171,7 +171,7 @@ def cell_styles(good: float, bad: float, *values: float) -> list[tuple[bool, str
     ]
 
 
-def test_cells_go_from_green_to_yellow_and_are_red_and_framed_beyond_the_limit_only() -> None:
+def test_heat_map_cells_go_from_green_to_yellow_and_are_red_and_framed_only_beyond_the_limit() -> None:
     assert cell_styles(50.0, 100.0, 20.0, 50.0, 75.0, 100.0, 100.1) == [
         (False, "91cf60", "20.0"),
         (False, "91cf60", "50.0"),
@@ -183,7 +183,7 @@ def test_cells_go_from_green_to_yellow_and_are_red_and_framed_beyond_the_limit_o
     assert low_is_bad == [True, False, False, False]
 
 
-def test_a_heat_map_tells_cells_without_a_variant_and_escapes_its_labels() -> None:
+def test_a_heat_map_marks_cells_without_a_variant_and_escapes_its_labels() -> None:
     cells = cells_of(np.array([1.0, 2.0]), np.array([1.0, 2.0]), np.array([1.0, 2.0]), False)
     html = heat_map(cells, HOSTILE, HOSTILE, 0.0, 1.0)
     assert html.count('<td class="none">·</td>') == 2
@@ -194,7 +194,7 @@ def test_a_heat_map_tells_cells_without_a_variant_and_escapes_its_labels() -> No
 def many(
     tmp_path: Path, name: str = "soft", count: int = 240, limit: float = 100.0, force_limit: float | None = None
 ) -> CampaignSummary:
-    """Return the summary of a grid of 6 × 40 variants whose force rises with both values."""
+    """Return the summary of a grid of 6 × 40 variants whose force rises with both varied values."""
     rod = np.repeat(np.arange(6.0), 40)[:count]
     angle = np.tile(np.linspace(10.0, 70.0, 40), 6)[:count]
     force = 20.0 * rod + angle
@@ -210,13 +210,13 @@ def made_report(summary: CampaignSummary, more: Sequence[str] = (), title: str =
 
 
 def tile_with(html: str, words: str) -> str:
-    """The CSS class of a tile."""
+    """Return the CSS class of the tile with a label."""
     (found,) = re.findall(rf'<div class="tile (\w*)"><b>[^<]*</b><span>[^<]*{re.escape(words)}', html)
     return str(found)
 
 
-def test_a_force_is_good_or_bad_only_by_a_limit_that_is_judged(tmp_path: Path) -> None:
-    """Or a green "none fails" stands beside a red force, which nobody judges."""
+def test_a_force_is_coloured_good_or_bad_only_by_a_judged_limit(tmp_path: Path) -> None:
+    """Otherwise a green "none fails" would stand beside a red force that no expectation judges."""
     html = made_report(many(tmp_path, limit=400.0))
     assert "None of 240 variants fails." in Page(html).text
     assert tile_with(html, "largest pinch force; no single limit is judged") == ""
@@ -232,7 +232,7 @@ def test_a_force_is_good_or_bad_only_by_a_limit_that_is_judged(tmp_path: Path) -
     assert "framed: over the limit of 100 N" in html
 
 
-def test_what_is_judged_stands_before_what_is_shown_for_reference(tmp_path: Path) -> None:
+def test_judged_results_stand_before_values_shown_for_reference(tmp_path: Path) -> None:
     for html in (
         made_report(many(tmp_path)),
         combined_report("All", "x", [part(many(tmp_path), "Rods")], PROVENANCE, True, "reference"),
@@ -243,7 +243,7 @@ def test_what_is_judged_stands_before_what_is_shown_for_reference(tmp_path: Path
         assert places == sorted(places)
 
 
-def test_values_have_their_units_wherever_they_stand(tmp_path: Path) -> None:
+def test_values_have_their_units_everywhere_in_the_report(tmp_path: Path) -> None:
     shown = Page(made_report(many(tmp_path))).text
     assert "N at 5 N/m" in shown  # the sentence
     assert "rod [N/m] ↓" in shown  # the heat map
@@ -251,7 +251,7 @@ def test_values_have_their_units_wherever_they_stand(tmp_path: Path) -> None:
     assert "variant rod [N/m] angle [deg] verdict" in shown  # the worst ones
 
 
-def test_long_names_break_so_that_tables_fit_the_page(tmp_path: Path) -> None:
+def test_long_names_have_line_breaks_so_that_tables_fit_the_page(tmp_path: Path) -> None:
     name = "environment.ambient_temperature_degc"
     varied = {name: np.repeat([1.0, 2.0], 20), "rod": np.tile(np.arange(20.0), 2)}
     path = write(tmp_path / "r", ["pass"] * 40, varied, {}, force=np.arange(40.0))
@@ -261,7 +261,7 @@ def test_long_names_break_so_that_tables_fit_the_page(tmp_path: Path) -> None:
     assert all("environment.<wbr>ambient_<wbr>temperature_<wbr>degc" in each for each in heads)
 
 
-def test_a_report_is_one_whole_page_that_needs_nothing_else(tmp_path: Path) -> None:
+def test_a_report_is_one_self_contained_page(tmp_path: Path) -> None:
     shown = Page(made_report(many(tmp_path)))
     shown.check_alone()
     assert "angle [deg]" in shown.text
@@ -284,14 +284,14 @@ def test_a_report_escapes_hostile_names_and_errors(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("verdict", ["pass", "fail", "error", "inconclusive"])
-def test_a_report_of_a_single_variant_is_a_whole_page(verdict: str, tmp_path: Path) -> None:
+def test_a_report_of_a_single_variant_is_a_self_contained_page(verdict: str, tmp_path: Path) -> None:
     margin = {"pass": 1.0, "fail": -1.0}.get(verdict)
     force = [NAN if verdict == "error" else 3.0]
     path = write(tmp_path / "r", [verdict], {"rod": [1.0]}, {"soft": [margin]}, force=force)
     Page(made_report(summary_of(path, ["rod"], ["soft"]))).check_alone()
 
 
-def test_an_incomplete_campaign_in_which_nothing_varies_is_a_whole_page_that_says_so(tmp_path: Path) -> None:
+def test_the_report_of_an_incomplete_campaign_without_variation_says_that_it_is_incomplete(tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["pass"], {}, {})
     shown = Page(made_report(summary_of(path, [], []), [incomplete(False)]))
     shown.check_alone()
@@ -299,7 +299,7 @@ def test_an_incomplete_campaign_in_which_nothing_varies_is_a_whole_page_that_say
     assert incomplete(True) == ""
 
 
-def test_a_report_says_how_to_run_the_worst_variant_again(tmp_path: Path) -> None:
+def test_a_report_has_the_command_that_replays_the_worst_variant(tmp_path: Path) -> None:
     summary = many(tmp_path)
     line = f"liftgate-hil campaign 'out/a & b' --replay {summary.worst[0].variant[:12]} --record worst.mf4"
     assert line in Page(worst(summary, {}, "out/a & b")).text
@@ -315,7 +315,7 @@ def test_an_empty_cell_of_a_heat_map_is_explained(tmp_path: Path, is_whole: bool
     assert (" ·: no variant, or nothing was pinched or known." in html) != is_whole
 
 
-def test_heat_maps_are_over_the_two_values_that_matter_most(tmp_path: Path) -> None:
+def test_heat_maps_show_the_two_values_that_explain_most(tmp_path: Path) -> None:
     generator = np.random.default_rng(1)
     x = {name: generator.integers(0, 4, 300).astype(float) for name in ("idle", "strong", "weak")}
     force = 10.0 * x["strong"] + 3.0 * x["weak"]
@@ -333,7 +333,7 @@ def test_one_varied_value_has_no_heat_map(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("failed", "count"), [(0, 10), (3, 10), (10, 10), (1, 5000)])
-def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(failed: int, count: int) -> None:
+def test_the_interval_of_a_failure_share_is_that_of_clopper_and_pearson(failed: int, count: int) -> None:
     expected = stats.binomtest(failed, count).proportion_ci(method="exact")
     shown = interval(failed, count).removesuffix(" %")
     low, _, high = shown.partition(" to ")
@@ -347,7 +347,7 @@ def part(summary: CampaignSummary, title: str, is_complete: bool = True) -> Part
     return PartResult(title, summary, {"angle": "deg"}, f"out/{title}", "about", is_complete)
 
 
-def test_a_combined_report_is_one_whole_page_with_what_each_part_has_found(tmp_path: Path) -> None:
+def test_a_combined_report_is_one_self_contained_page_with_the_findings_of_each_part(tmp_path: Path) -> None:
     summary = many(tmp_path, HOSTILE)
     parts = [part(summary, "Rods"), part(summary, "Other <b>rods</b>")]
     shown = Page(combined_report("All & all", "of <i>both</i>", parts, PROVENANCE, has_all=True, ecu="reference"))
@@ -358,19 +358,19 @@ def test_a_combined_report_is_one_whole_page_with_what_each_part_has_found(tmp_p
 
 
 @pytest.mark.parametrize("titles", [("Rods", "Rods"), ("Rods 1", "rods-1"), ("—", "…")])
-def test_parts_with_titles_alike_are_a_whole_page(titles: tuple[str, str], tmp_path: Path) -> None:
+def test_parts_with_equal_titles_make_a_valid_page(titles: tuple[str, str], tmp_path: Path) -> None:
     parts = [part(many(tmp_path), each) for each in titles]
     Page(combined_report("All", "", parts, PROVENANCE, True, "reference")).check_alone()
 
 
 @pytest.mark.parametrize(("has_all", "is_complete"), [(False, True), (True, False)])
-def test_a_combined_report_tells_what_is_missing(has_all: bool, is_complete: bool, tmp_path: Path) -> None:
+def test_a_combined_report_says_that_it_is_incomplete(has_all: bool, is_complete: bool, tmp_path: Path) -> None:
     path = write(tmp_path / "r", ["pass"], {}, {})
     parts = [part(summary_of(path, [], []), "Rods", is_complete)]
     assert "Incomplete" in Page(combined_report("All", "of both", parts, PROVENANCE, has_all, "reference")).text
 
 
-def test_forces_are_listed_by_the_value_that_explains_most_of_them(tmp_path: Path) -> None:
+def test_forces_are_tabulated_by_the_value_that_explains_most_of_them(tmp_path: Path) -> None:
     shown = Page(by_value(many(tmp_path), {"rod": "N/m"})).text
     assert "Largest pinch force by rod" in shown
     assert "rod [N/m]" in shown
@@ -396,7 +396,7 @@ def two(tmp_path: Path) -> tuple[Path, Path]:
     )
 
 
-def test_variants_with_another_verdict_come_first_then_the_largest_differences(two: tuple[Path, Path]) -> None:
+def test_a_comparison_lists_changed_verdicts_first_then_the_largest_differences(two: tuple[Path, Path]) -> None:
     found = comparison_of(*two, ["rod"], ["a.b", "c"], ("one", "two"))
     assert found.differing["rod"].to_pylist() == [3.0, 2.0, 4.0]
     assert found.differing["largest_difference"].to_pylist() == [1.5, 10.0, 0.125]
@@ -409,14 +409,14 @@ def test_variants_with_another_verdict_come_first_then_the_largest_differences(t
     }
 
 
-def test_equal_results_differ_in_nothing(two: tuple[Path, Path]) -> None:
+def test_equal_results_have_no_differences(two: tuple[Path, Path]) -> None:
     found = comparison_of(two[0], two[0], ["rod"], ["a.b", "c"], ("one", HOSTILE))
     assert found.differing.num_rows == 0
     shown = Page(comparison_section(found, {"rod": "N/m"})).text
     assert "have the same verdicts and margins in all 5 variants" in shown
 
 
-def test_a_comparison_is_a_section_of_a_page(two: tuple[Path, Path]) -> None:
+def test_the_section_of_a_comparison_makes_a_self_contained_page(two: tuple[Path, Path]) -> None:
     found = comparison_of(*two, ["rod"], ["a.b", "c"], ("one", HOSTILE))
     shown = Page(page("Two", "", [comparison_section(found, {"rod": "N/m"})]))
     shown.check_alone()
@@ -438,7 +438,7 @@ def end_of(budget: int) -> SearchEnd:
     return SearchEnd(**{**fields, "evaluations": budget, "reason": "budget used", "evidence": "none"})  # type: ignore[arg-type]
 
 
-def test_a_search_tells_its_smallest_margin_and_its_first_failure() -> None:
+def test_a_search_result_has_its_smallest_margin_and_its_first_failure() -> None:
     found = adaptive_sections.worst_result(
         Worst(end_of(5), HISTORY, HISTORY[:2]), "soft", "abc", ["rod"]
     ).to_dict()
@@ -448,7 +448,7 @@ def test_a_search_tells_its_smallest_margin_and_its_first_failure() -> None:
 
 
 @pytest.mark.parametrize("history", [HISTORY, HISTORY[1:2], []])
-def test_the_section_of_a_search_is_of_a_whole_page(history: list[Evaluated]) -> None:
+def test_a_page_with_the_section_of_a_worst_case_search_is_self_contained(history: list[Evaluated]) -> None:
     own = adaptive_sections.worst_section(Worst(end_of(4), history, HISTORY), HOSTILE, {"rod": "N/m"}, "run <it>")
     Page(page("Worst", "", [own])).check_alone()
 
@@ -459,7 +459,7 @@ def estimate(probability: float, **more: Any) -> SubsetEstimate:
     return SubsetEstimate(probability, **{**own, **rest, **more})
 
 
-def test_a_probability_tells_its_interval_and_what_plain_draws_would_need() -> None:
+def test_a_probability_is_reported_with_its_interval_and_the_number_of_plain_draws_it_replaces() -> None:
     own = Probability(estimate(1e-4), np.zeros((2, 3)), 100)
     shown = Page(page("P", "", [adaptive_sections.probability_section(own, HOSTILE)]))
     shown.check_alone()
@@ -468,14 +468,14 @@ def test_a_probability_tells_its_interval_and_what_plain_draws_would_need() -> N
     assert "1,000, 100 of them searching for pockets" in shown.text
 
 
-def test_a_probability_of_nothing_seen_is_told_as_a_bound() -> None:
+def test_a_probability_without_an_observed_failure_is_reported_as_a_bound() -> None:
     own = Probability(estimate(0.0, bounded=True, variation=math.inf), np.zeros((0, 3)), 100)
     assert "its probability of failure is below 0.0002" in adaptive_sections.probability_section(own, "soft")
     assert adaptive_sections.probability_result(own, "soft").to_dict()["variation"] is None
 
 
 def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: Path) -> None:
-    """A trouble code has no margin, and a comparison of states may fail with one of 0."""
+    """An expectation on a trouble code has no margin, and a comparison of states may fail with a margin of 0."""
     rod, margins = {"rod": [1.0, 2.0, 3.0]}, {"code": [None] * 3, "state": [0.0] * 3}
     judged = {"code": ["fail", "pass", "pass"], "state": ["fail", "fail", "pass"]}
     path = write(tmp_path / "r", judged["state"], rod, margins, judged=judged, force=[5.0, 7.0, 6.0])
@@ -490,7 +490,7 @@ def test_expectations_without_a_margin_are_counted_by_their_verdicts(tmp_path: P
     assert worst(only, {}, "folder").count(">force [N]<") == 1
 
 
-def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Path) -> None:
+def test_variants_that_differ_only_in_the_verdict_on_a_trouble_code_are_different(tmp_path: Path) -> None:
     rod, margins = {"rod": [1.0, 2.0]}, {"code": [None] * 2, "other": [-1.0] * 2}
     verdicts = [{"code": ["pass", each], "other": ["fail"] * 2} for each in ("pass", "fail")]
     one, two = (
@@ -500,7 +500,7 @@ def test_variants_that_differ_in_a_trouble_code_only_are_different(tmp_path: Pat
     assert found.differing["rod"].to_pylist() == [2.0]
 
 
-def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
+def test_a_margin_that_only_one_of_two_ecus_has_is_a_difference(tmp_path: Path) -> None:
     one, two = (
         write(tmp_path / name, ["fail"], {"rod": [1.0]}, {"a": [margin]}, judged={"a": ["fail"]})
         for name, margin in (("one", None), ("two", 4.0))
@@ -508,7 +508,7 @@ def test_a_margin_that_only_one_ecu_has_is_a_difference(tmp_path: Path) -> None:
     assert comparison_of(one, two, ["rod"], ["a"], ("one", "two")).differing.num_rows == 1
 
 
-def test_results_that_cannot_be_read_are_told_in_our_words(tmp_path: Path) -> None:
+def test_unreadable_results_are_reported_with_the_operating_systems_reason(tmp_path: Path) -> None:
     whole, gone = write(tmp_path / "whole.parquet", ["pass"], {}, {}), tmp_path / "gone.parquet"
     for call in (
         lambda: summary_of(gone, [], []),

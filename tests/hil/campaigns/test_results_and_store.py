@@ -1,4 +1,4 @@
-"""Rows become tables and come back; tables are in the store whole or not at all."""
+"""Result rows as tables and back; the store holds tables whole or not at all."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def assert_same(found: list[Row], expected: list[Row]) -> None:
 
 
 def rows_of(table: pa.Table) -> list[Row]:
-    """Return the rows of a table, as `table_of` was given them; null is NaN."""
+    """Return the rows of a table as `table_of` got them, with null as NaN."""
     names = [f"margin.{each}" for each in base().expectations]
     numbers = {each: numbers_in(table, each).tolist() for each in (*names, *Figures._fields, "wall_s")}
     return [
@@ -87,12 +87,12 @@ rows = st.builds(
 
 @CALM
 @given(st.lists(rows, min_size=1, max_size=5))
-def test_rows_come_back_from_their_table_to_the_bit(given_rows: list[Row]) -> None:
+def test_rows_read_back_from_their_table_to_the_last_bit(given_rows: list[Row]) -> None:
     values = np.arange(2.0 * len(given_rows)).reshape(-1, 2)
     assert_same(rows_of(table_of(base(), values, given_rows)), given_rows)
 
 
-def test_a_table_has_the_columns_in_their_order() -> None:
+def test_a_table_has_the_result_columns_in_their_documented_order() -> None:
     table = table_with()
     margins = [f"{prefix}.{each}" for prefix in ("verdict", "margin") for each in base().expectations]
     assert len(margins) > 2
@@ -109,7 +109,7 @@ def test_a_table_has_the_columns_in_their_order() -> None:
     assert table.column_names == list(columns_of(base())) == list(description_of(base()))
 
 
-def test_what_is_not_known_is_null_in_columns_of_the_usual_types() -> None:
+def test_unknown_results_are_null_and_keep_the_column_types() -> None:
     table = table_of(base(), np.ones((2, 2)), [row_of(), error_row(base(), "it broke")])
     second = table.to_pylist()[1]
     assert second["error"] == "it broke"
@@ -123,7 +123,7 @@ def test_what_is_not_known_is_null_in_columns_of_the_usual_types() -> None:
     assert errors.schema == table.schema == table_with().schema
 
 
-def test_variants_in_a_table_have_their_names_and_values() -> None:
+def test_a_table_has_the_name_and_the_varied_values_of_each_variant() -> None:
     values = np.array([[9.5, 0.41], [12.0, 0.42]])
     table = table_of(base(), values, [row_of(), row_of()])
     assert table["variant"].to_pylist() == [base().variant(each) for each in values.tolist()]
@@ -132,7 +132,7 @@ def test_variants_in_a_table_have_their_names_and_values() -> None:
 
 
 @pytest.mark.parametrize("name", ["verdict", "error", "wall_s", "peak_current_a", "variant"])
-def test_a_varied_name_that_is_that_of_another_column_is_refused(name: str) -> None:
+def test_a_varied_name_equal_to_a_result_column_is_refused(name: str) -> None:
     target = base().targets[0]._replace(name=name)
     with pytest.raises(ConfigError, match=f"`vary` {name}: allowed: names that no column of the results has"):
         check_columns(replace(base(), targets=(target,)))
@@ -147,7 +147,7 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
     return made
 
 
-def test_a_store_has_what_was_put_last_under_each_name(store: Store) -> None:
+def test_a_store_returns_the_last_table_put_under_each_name(store: Store) -> None:
     assert store.get("ab") is None
     assert store.names() == set()
     table = table_with()
@@ -162,7 +162,7 @@ def test_a_store_has_what_was_put_last_under_each_name(store: Store) -> None:
     assert found.equals(table)
 
 
-def test_who_sees_the_mark_shares_the_store(store: Store, tmp_path: Path) -> None:
+def test_a_store_is_shared_only_with_a_process_that_sees_its_mark(store: Store, tmp_path: Path) -> None:
     mark = store.mark()
     assert store.is_shared(mark)
     assert not Store(str(tmp_path / "another")).is_shared(mark)
@@ -171,7 +171,7 @@ def test_who_sees_the_mark_shares_the_store(store: Store, tmp_path: Path) -> Non
     assert not store.is_shared(mark)
 
 
-def test_marks_of_two_campaigns_differ_and_one_that_is_gone_is_removed_without_an_error(store: Store) -> None:
+def test_marks_are_unique_and_removing_a_missing_mark_is_no_error(store: Store) -> None:
     marks = store.mark(), store.mark()
     assert marks[0] != marks[1]
     for each in (*marks, "never.there"):
@@ -184,8 +184,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "batches"
 
 
-def test_a_truncated_or_damaged_file_is_as_if_not_there(folder: Path) -> None:
-    """Or whole, where no value comes from the damaged byte."""
+def test_a_truncated_or_damaged_file_counts_as_missing(folder: Path) -> None:
+    """Unless the table is whole because no value comes from the damaged byte."""
     store, path = Store(str(folder)), folder / "ab.parquet"
     table = pa.table({"variant": [f"v{k}" for k in range(40)], "x": np.random.default_rng(0).random(40)})
     store.put("ab", table)
@@ -202,12 +202,12 @@ def test_a_truncated_or_damaged_file_is_as_if_not_there(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"PAR1", b"PAR1" + bytes(100) + b"PAR1", b"no table", bytes(4096)])
-def test_a_file_of_something_else_is_as_if_not_there(content: bytes, folder: Path) -> None:
+def test_a_file_of_another_kind_counts_as_missing(content: bytes, folder: Path) -> None:
     (folder / "ab.parquet").write_bytes(content)
     assert Store(str(folder)).get("ab") is None
 
 
-def test_only_whole_files_are_ever_under_their_names(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_get_their_final_names_only_when_complete(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[list[str]] = []
     sync = os.fsync
 
@@ -224,7 +224,7 @@ def test_only_whole_files_are_ever_under_their_names(folder: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO, 0])  # 0: interrupted
-def test_a_put_that_fails_or_is_interrupted_leaves_what_was_there_and_no_rest(
+def test_a_failed_or_interrupted_put_keeps_the_previous_table_and_leaves_no_temporary_file(
     number: int, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = Store(str(folder))
@@ -258,7 +258,7 @@ except StoreError as error:
 """
 
 
-def test_a_put_that_the_system_cuts_off_in_the_middle_leaves_no_rest(folder: Path) -> None:
+def test_a_put_cut_off_by_the_file_size_limit_leaves_no_temporary_file(folder: Path) -> None:
     assert resource.RLIMIT_FSIZE is not None
     content = pickle.dumps((Store(str(folder)), table_with(), 1000))
     done = subprocess.run(
@@ -269,7 +269,7 @@ def test_a_put_that_the_system_cuts_off_in_the_middle_leaves_no_rest(folder: Pat
     assert list(folder.iterdir()) == []
 
 
-def test_a_lost_folder_is_told(folder: Path) -> None:
+def test_a_folder_that_vanished_is_reported(folder: Path) -> None:
     store = Store(str(folder))
     folder.rmdir()
     for call in (lambda: store.put("ab", table_with()), store.names, store.mark):
@@ -287,7 +287,7 @@ def test_a_folder_that_cannot_be_made_is_refused_with_what_is_allowed(tmp_path: 
         Store(str(tmp_path / "file")).get("ab")
 
 
-def test_files_of_others_in_the_folder_are_no_batches(folder: Path) -> None:
+def test_foreign_files_in_the_folder_do_not_count_as_batches(folder: Path) -> None:
     for name in ("notes.txt", ".ab.parquet.0123", ".hidden.parquet", "sub"):
         (folder / name).write_text("")
     assert Store(str(folder)).names() == set()
@@ -296,10 +296,10 @@ def test_files_of_others_in_the_folder_are_no_batches(folder: Path) -> None:
 OWN, OTHER = "0" * 32, "1" * 32
 
 
-def test_what_killed_writers_have_left_is_removed_at_the_end(
+def test_temporary_files_and_marks_of_killed_writers_are_removed_at_the_end(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A batch and a mark of the campaign, and a mark of another one."""
+    """Left behind are a batch and a mark of the campaign, and a mark of another campaign, which stays."""
 
     def killed(*_: object) -> None:
         raise SystemExit
@@ -319,7 +319,7 @@ def test_what_killed_writers_have_left_is_removed_at_the_end(
     assert sorted(own._files()) == sorted(["ab.parquet", marks[1]])
 
 
-def test_a_campaign_that_ends_leaves_what_another_one_is_writing(
+def test_a_campaign_that_ends_keeps_files_that_another_one_is_writing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sync = os.fsync
@@ -333,7 +333,7 @@ def test_a_campaign_that_ends_leaves_what_another_one_is_writing(
     assert [each.name for each in folder.iterdir()] == ["ab.parquet"]
 
 
-def test_files_of_others_are_never_removed(folder: Path) -> None:
+def test_foreign_files_are_never_removed(folder: Path) -> None:
     names = {
         "notes.txt",
         ".ab.parquet.0123",

@@ -1,4 +1,4 @@
-"""A campaign goes on only where it is the same one."""
+"""A campaign is resumed only where its inputs are the same."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ def assert_differs(folder: Folder, found: Prepared, *names: str) -> None:
 
 
 @pytest.mark.parametrize("is_resumed", [False, True])
-def test_where_there_is_no_campaign_a_new_one_begins(is_resumed: bool, folder: Folder, scenario: Path) -> None:
+def test_a_folder_without_a_campaign_begins_a_new_one(is_resumed: bool, folder: Folder, scenario: Path) -> None:
     assert pace_before(folder, campaign_of(scenario), is_resumed) is None
 
 
-def test_a_folder_with_a_campaign_is_not_overwritten(folder: Folder, scenario: Path) -> None:
+def test_a_folder_with_a_campaign_is_not_overwritten_without_resume(folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found)
     message = f"`output` {folder.path}: has a campaign; allowed: another folder, or `resume`"
@@ -83,7 +83,7 @@ def test_a_folder_with_a_campaign_is_not_overwritten(folder: Folder, scenario: P
         pace_before(folder, found, is_resumed=False)
 
 
-def test_the_same_campaign_goes_on_at_the_pace_it_began_with(folder: Folder, scenario: Path) -> None:
+def test_the_same_campaign_resumes_with_its_time_per_variant(folder: Folder, scenario: Path) -> None:
     more = {"parameters": {"rod": 5.0}, "settings": ("gate.mass=31",), "seed": 3}
     begun(folder, campaign_of(scenario, "supply.voltage=9,12", **more))
     again = campaign_of(scenario, "supply.voltage=9,12", **more)
@@ -106,7 +106,7 @@ def test_the_same_campaign_goes_on_at_the_pace_it_began_with(folder: Folder, sce
         ({"sampling_seed": 2}, ("sampling_seed",)),
     ],
 )
-def test_other_arguments_are_told_by_name(
+def test_changed_arguments_are_reported_by_name(
     more: dict[str, Any], names: tuple[str, ...], folder: Folder, scenario: Path
 ) -> None:
     found = campaign_of(scenario)
@@ -114,12 +114,12 @@ def test_other_arguments_are_told_by_name(
     assert_differs(folder, prepared(found.request.replaced(**more)), *names)
 
 
-def test_another_vehicle_is_told(folder: Folder, scenario: Path) -> None:
+def test_another_vehicle_is_reported(folder: Folder, scenario: Path) -> None:
     begun(folder, campaign_of(scenario))
     assert ": vehicle" in refusal(folder, campaign_of(scenario, vehicle="compact"))
 
 
-def test_a_changed_file_is_told_by_what_it_is_for_and_so_is_an_included_one(
+def test_a_changed_file_is_reported_by_its_role_and_included_files_count_too(
     folder: Folder, scenario: Path
 ) -> None:
     begun(folder, campaign_of(scenario))
@@ -131,7 +131,7 @@ def test_a_changed_file_is_told_by_what_it_is_for_and_so_is_an_included_one(
     assert "not as the campaign began" in refusal(folder, campaign_of(scenario))
 
 
-def test_another_version_is_told_by_its_package(folder: Folder, scenario: Path) -> None:
+def test_another_version_is_reported_with_its_package(folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, versions={**found.base.versions, "liftgate-hil": "0.0"})
     assert_differs(folder, found, "liftgate-hil")
@@ -144,7 +144,7 @@ def test_another_version_is_told_by_its_package(folder: Folder, scenario: Path) 
         *({"seconds_each": each} for each in (None, [], math.nan)),
     ],
 )
-def test_a_campaign_without_its_pace_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
+def test_a_manifest_without_timing_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, **pace)
     told = f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"
@@ -162,7 +162,7 @@ def test_a_campaign_without_its_pace_is_refused(pace: dict[str, Any], folder: Fo
         {"request": []},
     ],
 )
-def test_garbage_in_a_manifest_is_of_another_campaign(
+def test_a_manifest_with_invalid_fields_counts_as_another_campaign(
     changed: dict[str, Any], folder: Folder, scenario: Path
 ) -> None:
     found = campaign_of(scenario)
@@ -171,19 +171,19 @@ def test_garbage_in_a_manifest_is_of_another_campaign(
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"format": 0}', "\x00"])
-def test_a_manifest_of_something_else_is_one_clear_message(content: str, folder: Folder, scenario: Path) -> None:
+def test_an_invalid_manifest_is_reported_in_one_message(content: str, folder: Folder, scenario: Path) -> None:
     (folder.path / MANIFEST).write_text(content)
     assert refusal(folder, campaign_of(scenario)).startswith(f"{folder.path / MANIFEST}: ")
 
 
-def test_a_manifest_that_says_nothing_is_of_another_campaign(folder: Folder, scenario: Path) -> None:
+def test_an_empty_manifest_counts_as_another_campaign(folder: Folder, scenario: Path) -> None:
     (folder.path / MANIFEST).write_text(json.dumps({"format": 2}))
     message = refusal(folder, campaign_of(scenario))
     assert "scenario" in message
     assert "liftgate-hil" in message
 
 
-def test_a_request_is_as_json_gives_it_back(scenario: Path) -> None:
+def test_a_request_is_the_same_after_a_round_trip_through_json(scenario: Path) -> None:
     request = CampaignRequest(
         str(scenario), ("rod=1,2",), settings=("gate.mass=31",), parameters={"rod": 1.0}, duration=2.0
     )

@@ -1,4 +1,4 @@
-"""First-order indices against functions whose indices are known."""
+"""First-order sensitivity indices, against functions whose indices are known."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def ishigami(x: np.ndarray) -> np.ndarray:
 
 
 def ishigami_indices() -> dict[str, float]:
-    """Return the first-order indices by their formulas."""
+    """Return the first-order indices of the Ishigami function by their formulas."""
     first = 0.5 * (1.0 + B * math.pi**4 / 5.0) ** 2
     second = A**2 / 8.0
     total = A**2 / 8.0 + B * math.pi**4 / 5.0 + B**2 * math.pi**8 / 18.0 + 0.5
@@ -43,7 +43,7 @@ def grid(*counts: int) -> np.ndarray:
     return np.array(list(itertools.product(*(range(each) for each in counts))), dtype=float)
 
 
-def test_an_additive_function_on_a_grid_is_explained_as_by_its_analysis_of_variance() -> None:
+def test_indices_of_an_additive_function_on_a_grid_equal_its_analysis_of_variance() -> None:
     x = grid(4, 5, 3)
     noise = 0.2 * np.random.default_rng(2).standard_normal(len(x))
     y = 3.0 * x[:, 0] - x[:, 1] ** 2 + 0.5 * x[:, 2] + noise
@@ -58,7 +58,7 @@ def test_an_additive_function_on_a_grid_is_explained_as_by_its_analysis_of_varia
         assert each.first_order == pytest.approx(max(omega, 0.0), abs=1e-12)
 
 
-def test_a_function_of_one_value_is_explained_by_it_alone() -> None:
+def test_a_function_of_one_value_is_explained_by_that_value_alone() -> None:
     x = grid(5, 6)
     first, second = first_order(named(x), x[:, 1] ** 3)
     assert (first.name, first.first_order) == ("x2", pytest.approx(1.0))
@@ -66,14 +66,14 @@ def test_a_function_of_one_value_is_explained_by_it_alone() -> None:
     assert rest_of([first, second]) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_an_interaction_is_explained_by_no_value_alone() -> None:
+def test_a_pure_interaction_has_first_order_indices_of_0() -> None:
     x = grid(10, 10)
     indices = first_order(named(x), (x[:, 0] - 4.5) * (x[:, 1] - 4.5))
     assert [each.first_order for each in indices] == [0.0, 0.0]
     assert rest_of(indices) == 1.0
 
 
-def test_values_without_an_effect_explain_nearly_nothing_on_average() -> None:
+def test_values_without_an_effect_have_indices_near_0_on_average() -> None:
     generator = np.random.default_rng(3)
     shares = []
     for _ in range(50):
@@ -82,13 +82,13 @@ def test_values_without_an_effect_explain_nearly_nothing_on_average() -> None:
     assert np.mean(shares) < 0.02  # 24 classes without the correction for chance: 0.06
 
 
-def test_the_largest_index_comes_first_and_a_value_that_does_not_vary_has_none() -> None:
+def test_indices_are_sorted_by_size_and_a_constant_value_has_none() -> None:
     x = grid(4, 4, 4)
     indices = first_order({"fixed": np.full(64, 7.0), **named(x)}, x @ [1.0, 5.0, 2.0])
     assert [each.name for each in indices] == ["x2", "x3", "x1"]
 
 
-def test_results_that_are_not_known_or_infinite_are_left_out() -> None:
+def test_unknown_and_infinite_results_are_left_out() -> None:
     x = grid(5, 6)
     y = x @ [1.0, 2.0]
     known = first_order(named(x), y)
@@ -99,24 +99,24 @@ def test_results_that_are_not_known_or_infinite_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("y", [*(np.full(60, each) for each in (0.0, 0.1, 2.0, 400.3, math.nan)), np.zeros(0)])
-def test_results_that_do_not_vary_have_no_indices(y: np.ndarray) -> None:
+def test_constant_results_have_no_indices(y: np.ndarray) -> None:
     assert first_order({"x": np.arange(float(len(y))) % 5.0}, y) == []
 
 
-def test_few_results_have_no_indices() -> None:
+def test_fewer_than_20_results_have_no_indices() -> None:
     x = np.arange(19.0) % 4.0
     assert first_order({"x": x}, x) == []
     assert first_order({"x": np.append(x, 0.0)}, np.append(x, 0.0)) != []
 
 
-def test_an_index_tells_between_which_means_and_where_they_are_highest() -> None:
+def test_an_index_has_the_lowest_and_highest_class_means_and_the_value_of_the_highest() -> None:
     x = grid(3, 10)
     y = np.array([5.0, 20.0, 10.0])[x[:, 0].astype(int)]
     index = first_order({"x": 100.0 * x[:, 0]}, y)[0]
     assert (index.low_mean, index.high_mean, index.at_high) == (5.0, 20.0, 100.0)
 
 
-def test_few_distinct_values_are_classes_of_their_own_and_many_are_divided_into_equal_ones() -> None:
+def test_few_distinct_values_are_classes_of_their_own_and_many_are_divided_into_equal_classes() -> None:
     generator = np.random.default_rng(1)
     own, many, few = (
         classes_of(each)

@@ -1,4 +1,4 @@
-"""Several clients on one Dask scheduler: whatever ends one of them, the others' rows are complete."""
+"""Several campaigns as clients of one Dask scheduler: the end of one leaves the results of the others complete."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ campaign_in(folder, base, Cluster(base, address)).evaluate(batches_of(base, valu
 
 
 def slots_of(cluster: DaskProcesses) -> list[int]:
-    """The processes that the cluster's workers have started to evaluate variants."""
+    """Return the processes that the cluster's workers have started to evaluate variants."""
     found = []
     for worker in cluster.workers:
         for path in Path(f"/proc/{worker.pid}/task").glob("*/children"):
@@ -49,7 +49,7 @@ def slots_of(cluster: DaskProcesses) -> list[int]:
 
 
 def text_of(path: Path) -> str:
-    """The text of a file in /proc; empty if its thread or process has ended meanwhile."""
+    """Return the text of a file in /proc, empty if its thread or process has ended."""
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):
         return path.read_text()
     return ""
@@ -69,7 +69,7 @@ def endless(count: int) -> np.ndarray:
 def rows_beside(
     act: Callable[[], object], base: Base, cluster: DaskProcesses, folder: Path
 ) -> tuple[pa.Table, CampaignProgress]:
-    """The rows of all variants, evaluated while something else is done once, after the first batch."""
+    """Return the result rows of all variants and the progress; `act` is called after the first batch."""
     campaign = campaign_in(folder, base, Cluster(base, cluster.address))
     left = [act]
 
@@ -81,10 +81,10 @@ def rows_beside(
     return evaluated_in(campaign, size=2), campaign.progress
 
 
-def test_a_client_that_ends_leaves_the_others_their_slots(
+def test_a_client_that_ends_leaves_the_slots_of_other_clients(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
-    """The same variants, and others."""
+    """The clients evaluate the same variants, and others."""
     other = Cluster(base, cluster.address)
     campaign_in(tmp_path / "other", base, other).evaluate(batches_of(base, VALUES[:23], 2))
     found, progress = rows_beside(other.close, base, cluster, tmp_path / "own")
@@ -93,10 +93,10 @@ def test_a_client_that_ends_leaves_the_others_their_slots(
     wait_until(lambda: not slots_of(cluster))
 
 
-def test_a_client_that_is_stopped_cancels_its_own_batches_alone(
+def test_a_client_that_is_stopped_cancels_only_its_own_batches(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
-    """Its batches would never be done: what waits for a worker is cancelled, what is at work is ended."""
+    """Its batches would never end: waiting ones are cancelled, running ones are killed."""
     other, stop = Cluster(base, cluster.address), threading.Event()
     campaign, ended = campaign_in(tmp_path, base, other, stop.is_set), []
 
@@ -118,7 +118,7 @@ def test_a_client_that_is_stopped_cancels_its_own_batches_alone(
     assert progress.retried == 0
 
 
-def test_a_client_that_is_killed_frees_the_workers(
+def test_a_killed_client_frees_the_workers(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     process = subprocess.Popen(
@@ -138,7 +138,7 @@ def test_a_client_that_is_killed_frees_the_workers(
     assert progress.retried == 0
 
 
-def test_workers_that_another_client_restarts_are_waited_for(
+def test_a_campaign_waits_for_workers_that_another_client_restarts(
     base: Base, expected: pa.Table, cluster: DaskProcesses, tmp_path: Path
 ) -> None:
     def restart() -> None:
@@ -163,7 +163,7 @@ def test_workers_that_another_client_restarts_are_waited_for(
         (StoreError("No space left on device"), "^No space left on device$"),  # as where a store fails here
     ],
 )
-def test_a_task_that_fails_says_why_and_that_the_campaign_can_go_on(
+def test_a_failed_task_is_reported_with_its_cause_and_how_to_resume(
     error: Exception,
     text: str,
     base: Base,

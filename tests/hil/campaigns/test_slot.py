@@ -1,4 +1,4 @@
-"""A worker process with its batches: which silence is a death, what is lost by it, and how it ends."""
+"""A worker process and its batches: when silence counts as its death, what is lost then, and how it ends."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ VALUES = np.array([[60.0], [70.0], [75.0]])
 
 @pytest.fixture
 def pass_by(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
-    """A function that lets a number of seconds pass by, as if they were looked at all the time."""
+    """A function that advances the clock by seconds, during which the slot is polled all the time."""
     more = [0.0]
     clock = SimpleNamespace(monotonic=lambda: time.monotonic() + more[0])
     monkeypatch.setattr(children, "time", clock)
@@ -57,14 +57,14 @@ def slot(tmp_path: Path) -> Iterator[Slot]:
 
 
 def evaluated(slot: Slot) -> list[tuple]:
-    """Verdict and margins of the batch that a slot has begun."""
+    """Return verdicts and margins of the batch that a slot has begun."""
     while not slot.look():
         assert slot.connection is not None
         wait([slot.connection], 1.0)
     return [(row.verdict, row.margins) for row in slot.rows]
 
 
-def test_a_worker_without_a_batch_is_not_taken_for_dead(slot: Slot, pass_by: Callable[[float], None]) -> None:
+def test_a_worker_without_a_batch_does_not_count_as_dead(slot: Slot, pass_by: Callable[[float], None]) -> None:
     slot.begin(VALUES)
     expected = evaluated(slot)
     pass_by(1000.0)
@@ -77,7 +77,7 @@ def test_a_worker_without_a_batch_is_not_taken_for_dead(slot: Slot, pass_by: Cal
     assert slot.retried == 0
 
 
-def test_a_worker_that_is_stopped_is_replaced_and_its_batch_evaluated(
+def test_a_stopped_worker_is_replaced_and_its_batch_evaluated_again(
     slot: Slot, pass_by: Callable[[float], None]
 ) -> None:
     slot.begin(VALUES)
@@ -101,8 +101,8 @@ sys.exit(main())
 """
 
 
-def test_a_worker_that_ends_by_itself_does_not_heed_the_request_to_end(base: Base) -> None:
-    """The caller closes the connection, at which it ends, and sends SIGTERM at the same time."""
+def test_a_worker_that_is_ending_ignores_the_signal_to_end(base: Base) -> None:
+    """The caller closes the connection, at which the worker ends, and sends SIGTERM at the same time."""
     ours, theirs = socket.socketpair()
     given = in_memory(pickle.dumps((pickle.dumps(base), sys.path)))
     ours.close()
@@ -139,21 +139,21 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def put(slots: IdleSlots, token: str, clock: Clock) -> Any:
-    """Add a slot, which notes when it is ended."""
+    """Put an idle slot of a client that records when it is ended."""
     closed: list[float] = []
     made: Any = SimpleNamespace(closed=closed, close=lambda: closed.append(clock.now))
     slots.put(token, made)
     return made
 
 
-def test_a_client_takes_its_own_slots_the_latest_first(clock: Clock) -> None:
+def test_a_client_takes_its_own_slots_most_recent_first(clock: Clock) -> None:
     slots = IdleSlots()
     first, other, last = (put(slots, token, clock) for token in "aba")
     assert [slots.take("a") for _ in range(3)] == [last, first, None]
     assert slots.take("b") is other
 
 
-def test_a_client_ends_its_own_slots_alone(clock: Clock) -> None:
+def test_a_client_ends_only_its_own_slots(clock: Clock) -> None:
     slots = IdleSlots()
     ended, kept = put(slots, "a", clock), put(slots, "b", clock)
     slots.end("a")
@@ -162,7 +162,7 @@ def test_a_client_ends_its_own_slots_alone(clock: Clock) -> None:
     assert slots.take("b") is kept
 
 
-def test_a_slot_at_work_is_not_ended(clock: Clock) -> None:
+def test_a_slot_that_is_evaluating_is_not_ended(clock: Clock) -> None:
     slots = IdleSlots()
     busy = put(slots, "a", clock)
     slots.take("a")
@@ -170,7 +170,7 @@ def test_a_slot_at_work_is_not_ended(clock: Clock) -> None:
     assert busy.closed == []
 
 
-def test_a_slot_that_gets_no_batch_for_a_minute_is_ended(clock: Clock) -> None:
+def test_a_slot_without_a_batch_for_a_minute_is_ended(clock: Clock) -> None:
     slots = IdleSlots()
     first = put(slots, "a", clock)
     clock.now = 20.0

@@ -1,4 +1,4 @@
-"""What `--vary` may say, and the values that it stands for."""
+"""The syntax of `--vary`, and the values that it stands for."""
 
 from __future__ import annotations
 
@@ -138,14 +138,14 @@ def test_a_grid_has_the_values_of_its_text_in_their_order(text: str, values: tup
         ),
     ],
 )  # fmt: skip
-def test_what_is_not_allowed_is_refused_with_what_is(text: str, allowed: str) -> None:
+def test_an_invalid_vary_is_refused_with_the_allowed_form(text: str, allowed: str) -> None:
     assert refusal(text) == [allowed]
 
 
 @pytest.mark.parametrize(
     "given", ["", "cauchy(0,1)", "uniform", "uniform(0,1", "uniform(0,1) x", "uniform((0,1))"]
 )
-def test_an_unknown_distribution_is_refused_with_all_that_there_are(given: str) -> None:
+def test_an_unknown_distribution_is_refused_with_the_existing_ones(given: str) -> None:
     (message,) = refusal(f"rod~{given}")
     assert message.startswith(f"`vary` rod: {given}: allowed: uniform(low, high), loguniform(low, high)")
     assert all(name in message for name in FAMILIES)
@@ -161,13 +161,13 @@ def test_an_unknown_distribution_is_refused_with_all_that_there_are(given: str) 
         ("gate.gravity_point[2]", "gate.gravity_point[0], gate.gravity_point[1]"),
     ],
 )
-def test_an_unknown_name_is_refused_with_the_names_that_there_are(name: str, near: str) -> None:
+def test_an_unknown_name_is_refused_with_the_allowed_names(name: str, near: str) -> None:
     (message,) = refusal(f"{name}=1")
     start = f"`vary` {name}: allowed: rod, angle, seed, draw, or a key of the vehicle file such as "
     assert message.startswith(f"{start}{near}")
 
 
-def test_all_issues_are_told_at_once() -> None:
+def test_all_issues_of_vary_are_reported_at_once() -> None:
     assert len(refusal("rod=x", "seed=-1", "angle", "supply.voltage=500")) == 4
 
 
@@ -179,7 +179,7 @@ def test_all_issues_are_told_at_once() -> None:
         ("gate.mass=30,31", "vehicle", "gate.mass"),
     ],
 )
-def test_a_name_is_varied_once(first: str, second: str, name: str) -> None:
+def test_varying_a_name_twice_is_refused(first: str, second: str, name: str) -> None:
     assert refusal(first, second, identification=identified()) == [
         f"`vary` {second}: {name}: varied twice; allowed: each name once"
     ]
@@ -225,7 +225,7 @@ distributions = st.one_of(
 
 @CALM
 @given(distributions, st.lists(st.floats(0.0, 1.0), min_size=2, max_size=20))
-def test_quantiles_are_finite_and_rise_with_the_share(distribution: Distribution, shares: list[float]) -> None:
+def test_quantiles_are_finite_and_nondecreasing(distribution: Distribution, shares: list[float]) -> None:
     found = distribution.quantiles(np.sort(shares))
     assert np.isfinite(found).all()
     slack = 1e-12 * np.abs(found).max()
@@ -234,26 +234,26 @@ def test_quantiles_are_finite_and_rise_with_the_share(distribution: Distribution
 
 @CALM
 @given(distributions)
-def test_a_distribution_reads_back_from_its_text(distribution: Distribution) -> None:
+def test_a_distribution_reads_back_the_same_from_its_text(distribution: Distribution) -> None:
     arguments = ",".join(repr(each) for each in distribution.arguments)
     (axis,) = space(f"rod~{distribution.family}({arguments})").factors
     assert isinstance(axis, Axis)
     assert axis.distribution == distribution
 
 
-def test_only_whole_numbers_have_levels() -> None:
+def test_only_grids_and_integer_distributions_have_a_number_of_levels() -> None:
     assert space("rod~integer(3,12)", "angle~uniform(3,12)", "seed=1,5,9").levels == (10, 0, 3)
 
 
 @pytest.mark.parametrize(
     ("text", "values"), [("rod~integer(1,4)", [1.0, 2.0, 3.0, 4.0]), ("rod=5,1,3", [5.0, 1.0, 3.0])]
 )
-def test_whole_numbers_and_values_of_a_grid_are_equally_probable(text: str, values: list[float]) -> None:
+def test_integers_and_values_of_a_grid_are_equally_probable(text: str, values: list[float]) -> None:
     found = draws(space(text), 1000 * len(values))[:, 0]
     assert found.tolist() == np.repeat(values, 1000).tolist()  # in their order
 
 
-def test_draws_of_a_key_are_numbers_that_it_may_have_and_those_of_a_parameter_any() -> None:
+def test_draws_of_a_vehicle_key_are_limited_to_its_range_and_those_of_a_parameter_are_not() -> None:
     volts = draws(space("supply.voltage~normal(55,10)"))[:, 0]
     assert (volts.min(), volts.max()) == (0.0, 60.0)
     assert (volts == 60.0).mean() == pytest.approx(stats.norm.sf(0.5), abs=1e-3)
@@ -266,7 +266,7 @@ def test_draws_of_a_key_are_numbers_that_it_may_have_and_those_of_a_parameter_an
     assert draws(space("rod~uniform(-1e9,1e9)"))[[0, -1], 0].tolist() == [-1e9, 1e9]
 
 
-def test_columns_are_in_the_order_of_the_texts() -> None:
+def test_columns_are_in_the_order_of_the_vary_texts() -> None:
     made = space("angle=1,2", "vehicle", "rod~uniform(0,1)", identification=identified())
     assert made.names == ("angle", *NAMES, "rod")
     assert made.levels == (2, 0, 0, 0, 0)
@@ -274,12 +274,12 @@ def test_columns_are_in_the_order_of_the_texts() -> None:
     assert space().values(np.zeros((3, 0))).shape == (3, 0)
 
 
-def test_a_factor_is_told_as_it_was_given() -> None:
+def test_a_factor_is_written_like_its_vary_text() -> None:
     made = space("rod=1e4,20000", "angle~uniform(20,60)", "vehicle", identification=identified())
     assert [str(each) for each in made.factors] == ["rod=10000,20000", "angle~uniform(20, 60)", "vehicle"]
 
 
-def test_units_are_those_of_the_parameters_and_keys() -> None:
+def test_varied_values_have_the_units_of_their_parameters_and_keys() -> None:
     made = space(
         "rod=1", "supply.voltage=12", "environment.ambient_temperature_degc=20", "gate.gravity_point[0]=0.4"
     )
@@ -295,7 +295,7 @@ def test_draws_of_a_vehicle_have_the_mean_and_the_covariance_of_its_identificati
     np.testing.assert_allclose(found.std(axis=0), STANDARD, rtol=0.01)
 
 
-def test_a_coordinate_of_a_vehicle_keeps_the_other_one_of_the_file() -> None:
+def test_a_drawn_coordinate_of_a_vehicle_point_keeps_the_other_coordinate_of_the_file() -> None:
     target = space("vehicle", identification=identified()).targets[1]
     assert target.key == "gate.gravity_point"
     assert target.point == suv().gate.gravity_point
@@ -308,7 +308,7 @@ def test_draws_of_a_vehicle_are_limited_to_the_ranges_of_its_keys() -> None:
     assert (found == 1.0).mean() == pytest.approx(stats.norm.sf(0.25), abs=1e-3)
 
 
-def test_a_parameter_without_variance_stays_as_it_was_estimated() -> None:
+def test_a_parameter_without_variance_keeps_its_estimate() -> None:
     own = identified(NAMES[:2], MEANS[:2], [[0.64, 0.0], [0.0, 0.0]])
     found = draws(space("vehicle", identification=own))
     assert np.unique(found[:, 1]).tolist() == [0.45]
@@ -326,7 +326,7 @@ def test_a_covariance_of_full_correlation_moves_its_parameters_together() -> Non
     st.lists(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3), min_size=3, max_size=3),
     st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
 )
-def test_the_root_of_any_covariance_multiplies_back_to_it(rows: list[list[float]], scales: list[float]) -> None:
+def test_the_covariance_is_its_root_times_its_transpose(rows: list[list[float]], scales: list[float]) -> None:
     half = np.array(rows) * np.array(scales)[:, None]
     matrix = half @ half.T
     (made,) = space("vehicle", identification=identified(covariance=matrix.tolist())).factors
@@ -349,7 +349,7 @@ NO_IDENTIFICATION = (
         identified(covariance=[[1.0, 0.0, 0.0], [0.0, 1.0], [0.0]]), identified(covariance="none"),
     ],
 )  # fmt: skip
-def test_a_vehicle_without_an_identification_is_refused(own: object) -> None:
+def test_varying_a_vehicle_without_an_identification_is_refused(own: object) -> None:
     assert refusal("vehicle", identification=own) == [NO_IDENTIFICATION]
 
 
@@ -379,7 +379,7 @@ def test_a_vehicle_without_an_identification_is_refused(own: object) -> None:
         ),
     ],
 )
-def test_what_cannot_be_estimates_with_a_covariance_is_refused(own: object, allowed: str) -> None:
+def test_invalid_estimates_or_an_invalid_covariance_are_refused(own: object, allowed: str) -> None:
     assert refusal("vehicle", identification=own) == [f"`vary` vehicle: identification.{allowed}"]
 
 

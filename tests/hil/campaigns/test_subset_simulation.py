@@ -1,4 +1,4 @@
-"""The probability of a rare failure, from a few thousand margins, with an interval that holds the truth."""
+"""Estimation of rare failure probabilities from a few thousand margins, with intervals that hold the truth."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ def estimate(
 
 
 def half_space(probability: float) -> Margin:
-    """Fails beyond a plane askew to the axes."""
+    """Margin of failures beyond a plane oblique to the axes."""
     distance = -norm.ppf(probability)
     return lambda points: distance - np.sum(points, axis=1) / math.sqrt(points.shape[1])
 
 
 def opposite(first: float, second: float) -> Margin:
-    """Fails in two pockets, of these probabilities, on opposite sides."""
+    """Margin of failures in two pockets of given probabilities on opposite sides."""
     near, far = -norm.ppf(first), -norm.ppf(second)
     return lambda points: np.minimum(near - points[:, 0], far + points[:, 0])
 
 
 def hidden(first: float, second: float) -> Margin:
-    """Fails in two pockets on opposite sides; no margin tells of the second one outside it."""
+    """Margin of failures in two pockets on opposite sides; outside the second one no margin indicates it."""
     near, far = -norm.ppf(first), -norm.ppf(second)
     return lambda points: np.where(points[:, 0] < -far, -1.0, near - points[:, 0])
 
 
 def rough_places(first: float, second: float, dimension: int) -> Floats:
-    """Places about the two pockets, half a standard deviation off."""
+    """Return approximate positions of the two pockets, half a standard deviation off."""
     places = np.zeros((2, dimension))
     places[:, 0] = -norm.ppf(first), norm.ppf(second)
     places[:, 1] = 0.5, -0.5
@@ -62,7 +62,7 @@ def rough_places(first: float, second: float, dimension: int) -> Floats:
 
 
 def parabola(curvature: float) -> tuple[Margin, float]:
-    """Fails beyond a parabola; returns the probability as well."""
+    """Return the margin of failures beyond a parabola and their probability."""
     grid = np.linspace(-9.0, 9.0, 20_001)
 
     def probability(apex: float) -> float:
@@ -101,14 +101,14 @@ def test_the_interval_holds_the_probability_beyond_a_curved_limit(curvature: flo
     assert most_hold([estimate(margin, dimension, seed) for seed in range(40)], truth)
 
 
-def test_nineteen_of_twenty_intervals_hold_the_truth_and_the_spread_is_that_of_many_more_margins() -> None:
+def test_nineteen_of_twenty_intervals_hold_the_truth_with_less_spread_than_plain_sampling() -> None:
     found = [estimate(half_space(RARE), 6, seed) for seed in range(200)]
     assert sum(holds(each, RARE) for each in found) >= 190
     variance = float(np.mean([(each.probability / RARE - 1.0) ** 2 for each in found]))
     assert (1.0 - RARE) / RARE / variance > 100.0 * max(each.evaluations for each in found)
 
 
-def test_in_many_dimensions_where_no_mixture_covers_the_failures_the_populations_tell() -> None:
+def test_subset_simulation_replaces_importance_sampling_in_200_dimensions() -> None:
     found = [estimate(half_space(RARE), 200, seed) for seed in range(20)]
     assert {each.method for each in found} == {"subset simulation"}
     assert most_hold(found, RARE)
@@ -122,7 +122,7 @@ def test_pockets_on_opposite_sides_are_both_found(share: float) -> None:
     assert all(each.probability == pytest.approx(RARE, rel=0.25) for each in found)
 
 
-def test_a_pocket_that_no_margin_tells_of_is_lost_without_its_place_and_found_with_it() -> None:
+def test_a_pocket_that_no_margin_indicates_is_found_only_if_its_place_is_known() -> None:
     parts = 0.75 * RARE, 0.25 * RARE
     for seed in range(5):
         without = estimate(hidden(*parts), 6, seed)
@@ -133,7 +133,7 @@ def test_a_pocket_that_no_margin_tells_of_is_lost_without_its_place_and_found_wi
         assert seeded.probability == pytest.approx(RARE, rel=0.2)
 
 
-def test_four_pockets_each_have_a_cell() -> None:
+def test_four_separate_pockets_each_have_a_cell() -> None:
     distance = -norm.ppf(RARE / 4.0)
     truth = 1.0 - (1.0 - 2.0 * norm.sf(distance)) ** 2
     places = np.zeros((4, 6))
@@ -151,7 +151,7 @@ def test_connected_pockets_share_a_cell() -> None:
     assert most_hold(found, RARE)
 
 
-def test_more_pockets_than_populations_are_neighbours_of_each_other() -> None:
+def test_more_pockets_than_populations_are_merged_into_cells() -> None:
     places = np.random.default_rng(0).standard_normal((40, 6))
     found = estimate(half_space(RARE), 6, 0, places)
     assert len({level.cell for level in found.levels}) == 7
@@ -159,11 +159,11 @@ def test_more_pockets_than_populations_are_neighbours_of_each_other() -> None:
 
 
 @pytest.mark.parametrize("places", [np.zeros((0, 6)), np.zeros((1, 6)), np.full((1, 6), -1.5)])
-def test_places_that_tell_nothing_do_no_harm(places: Floats) -> None:
+def test_places_without_information_do_not_harm_the_estimate(places: Floats) -> None:
     assert holds(estimate(half_space(RARE), 6, 0, places), RARE)
 
 
-def test_a_cell_without_a_failure_adds_nothing() -> None:
+def test_a_cell_without_a_failure_has_probability_0() -> None:
     # A margin that stays at 5 on the other side: no level leads anywhere there.
     distance = -norm.ppf(RARE)
     places = np.array([[4.0, 0.0, 0.0], [-4.0, 0.0, 0.0]])
@@ -172,7 +172,7 @@ def test_a_cell_without_a_failure_adds_nothing() -> None:
     assert holds(found, RARE)
 
 
-def test_a_stepwise_margin_has_its_levels_at_the_steps() -> None:
+def test_a_stepwise_margin_has_its_subset_levels_at_the_steps() -> None:
     whole = half_space(RARE)
     found = estimate(lambda points: np.floor(whole(points)), 6)
     assert holds(found, RARE)
@@ -183,7 +183,7 @@ def test_a_stepwise_margin_has_its_levels_at_the_steps() -> None:
     assert all(level.threshold == round(level.threshold) for level in found.levels)
 
 
-def test_a_plateau_over_most_of_the_space_is_left_by_the_few_points_below_it() -> None:
+def test_a_plateau_over_most_of_the_space_does_not_hide_the_failures_below_it() -> None:
     # Two causes, each rare, must come together; nine in ten points have the one margin 2.5.
     def margin(points: Floats) -> Floats:
         one = 1.0 * (points[:, 0] > norm.isf(0.03)) + (points[:, 0] > norm.isf(0.005))
@@ -194,7 +194,7 @@ def test_a_plateau_over_most_of_the_space_is_left_by_the_few_points_below_it() -
     assert most_hold(found, 0.005 * 0.01)
 
 
-def test_a_pass_or_fail_margin_is_known_about_the_place_and_bounded_elsewhere() -> None:
+def test_the_probability_of_a_pass_or_fail_margin_is_found_near_the_known_place_and_bounded_elsewhere() -> None:
     distance = -norm.ppf(RARE)
 
     def margin(points: Floats) -> Floats:
@@ -207,7 +207,7 @@ def test_a_pass_or_fail_margin_is_known_about_the_place_and_bounded_elsewhere() 
     assert estimate(margin, 6).probability == 0.0
 
 
-def test_margins_without_a_verdict_are_counted_and_do_not_fail() -> None:
+def test_margins_that_are_nan_are_counted_and_do_not_count_as_failures() -> None:
     whole = half_space(RARE)
     found = estimate(lambda points: np.where(points[:, 0] > points[:, 1], np.nan, whole(points)), 6)
     assert holds(found, RARE / 2.0)
@@ -219,7 +219,7 @@ def test_margins_without_a_verdict_are_counted_and_do_not_fail() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_never_fails_has_an_upper_bound(seed: int) -> None:
+def test_a_margin_that_never_fails_gives_an_upper_bound(seed: int) -> None:
     found = estimate(lambda points: 0.5 + np.exp(-points[:, 0]), 6, seed)
     assert (found.probability, found.low, found.bounded) == (0.0, 0.0, True)
     assert found.high < 1e-5
@@ -231,20 +231,20 @@ def test_what_never_fails_has_an_upper_bound(seed: int) -> None:
 
 
 @pytest.mark.parametrize("probability", [0.999, 0.9, 0.3])
-def test_frequent_failures_are_counted(probability: float) -> None:
+def test_frequent_failures_are_estimated_by_plain_monte_carlo(probability: float) -> None:
     found = estimate(half_space(probability), 6)
     assert found.method == "Monte Carlo"
     assert holds(found, probability)
     assert not found.bounded
 
 
-def test_what_always_fails_has_probability_one() -> None:
+def test_a_margin_that_always_fails_gives_probability_one() -> None:
     found = estimate(lambda points: np.full(len(points), -1.0), 3)
     assert (found.probability, found.high) == (1.0, 1.0)
     assert found.low > 0.99
 
 
-def test_the_same_seed_gives_the_same_estimate_however_the_batches_are_evaluated() -> None:
+def test_the_same_seed_gives_the_same_estimate_in_whatever_order_margins_are_evaluated() -> None:
     whole = half_space(RARE)
     places = rough_places(RARE, RARE, 6)
 
@@ -276,13 +276,13 @@ def test_whole_populations_are_evaluated_at_once() -> None:
 
 @pytest.mark.parametrize("evaluations", [LEAST_EVALUATIONS, 2345, 5000])
 @pytest.mark.parametrize("probability", [0.5, RARE, 1e-9])
-def test_no_more_margins_are_asked_for_than_allowed(probability: float, evaluations: int) -> None:
+def test_no_more_margins_are_evaluated_than_allowed(probability: float, evaluations: int) -> None:
     steps = lambda points: np.floor(3.0 * half_space(probability)(points))  # noqa: E731
     for margin in (half_space(probability), steps):
         assert estimate(margin, 6, 0, rough_places(RARE, RARE, 6), evaluations).evaluations <= evaluations
 
 
-def test_the_levels_of_a_run_multiply_to_its_probability() -> None:
+def test_the_level_probabilities_of_a_run_multiply_to_its_estimate() -> None:
     found = estimate(half_space(RARE), 100)
     runs = {level.run for level in found.levels}
     products = [math.prod(level.probability for level in found.levels if level.run == run) for run in runs]
@@ -293,12 +293,12 @@ def test_the_levels_of_a_run_multiply_to_its_probability() -> None:
         assert thresholds[-1] == 0.0
 
 
-def test_an_estimate_cannot_be_changed() -> None:
+def test_an_estimate_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         estimate(half_space(0.5), 2).probability = 0.0  # type: ignore[misc]
 
 
-def test_what_cannot_be_estimated_is_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="999 evaluations are fewer than 1000"):
         next(subset_simulation(2, 0, None, 999))
     with pytest.raises(ValueError, match=r"pockets are \(1, 3\), not \(k, 2\)"):

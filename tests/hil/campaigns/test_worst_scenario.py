@@ -1,4 +1,4 @@
-"""A found variant as a scenario of its own: it runs as the campaign saw it."""
+"""A variant found by a campaign, written as a scenario that runs as in the campaign."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def written(found: Prepared, values: list[float], folder: Path) -> Path:
         ),
     ],
 )
-def test_a_variant_runs_as_the_campaign_saw_it_with_what_its_request_says(
+def test_a_written_variant_gives_the_result_that_the_campaign_saw(
     vary: tuple[str, ...], values: list[float], more: dict[str, object], scenario: Path, tmp_path: Path
 ) -> None:
     found = campaign_of(scenario, *vary, **more)
@@ -114,7 +114,7 @@ def test_a_variant_runs_as_the_campaign_saw_it_with_what_its_request_says(
     assert result.trace == {}
 
 
-def test_other_files_are_named_relative_to_its_folder(scenario: Path, tmp_path: Path) -> None:
+def test_other_files_are_named_relative_to_the_scenarios_folder(scenario: Path, tmp_path: Path) -> None:
     own = tmp_path / "own car.toml"
     own.write_text((Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text())
     found = campaign_of(scenario, "rod=1,2", vehicle=str(own))
@@ -125,19 +125,19 @@ def test_other_files_are_named_relative_to_its_folder(scenario: Path, tmp_path: 
     assert Path(vehicle).resolve() == own
 
 
-def test_the_file_says_where_it_is_from(scenario: Path) -> None:
+def test_the_file_begins_with_a_comment_on_its_origin(scenario: Path) -> None:
     assert scenario_text(campaign_of(scenario, "rod=1,2"), [1.0], COMMENT, scenario.parent).startswith(
         "# found\n# in a search\ninclude"
     )
 
 
-def test_values_are_in_the_file_to_the_last_bit(scenario: Path, tmp_path: Path) -> None:
+def test_varied_values_are_written_to_the_last_bit(scenario: Path, tmp_path: Path) -> None:
     value = float(np.nextafter(0.1, 1.0)) * 1e5
     found = campaign_of(scenario, "rod=1,2")
     assert load_scenario(written(found, [value], tmp_path)).parameters["rod"] == value
 
 
-def test_the_rest_of_the_scenario_is_that_of_the_campaign(scenario: Path, tmp_path: Path) -> None:
+def test_everything_but_the_varied_values_is_as_in_the_campaigns_scenario(scenario: Path, tmp_path: Path) -> None:
     found = campaign_of(scenario, "rod=1,2")
     made, own = load_scenario(written(found, [1e4], tmp_path)), load_scenario(scenario)
     assert made.parameters == own.parameters

@@ -7,7 +7,7 @@ from liftgate_hil.campaigns.search.worst_search import SearchEnd, worst_search
 
 
 def run(levels, budget, seed, margin):
-    """All points (n, d), their margins (n,) and the outcome of a search of the function margin(points)."""
+    """Return all points (n, d), their margins (n,) and the outcome of a search of the function margin(points)."""
     search, points, margins, sent = worst_search(levels, budget, seed), [], [], None
     while True:
         try:
@@ -24,7 +24,7 @@ def bowl(points):
 
 
 def pocket(points, low, side):
-    """Distance in each of the first dimensions from a cube with this low corner and side; 0 inside."""
+    """Margin of a cube by low corner and side: the distance from it in each of the first dimensions; 0 inside."""
     p = points[:, : len(low)]
     return np.maximum(np.maximum(low - p, p - low - side), 0.0)
 
@@ -54,14 +54,14 @@ def pocket_beside_a_harmless_minimum(low):
     ("levels", "function", "dimensions"),
     [([0] * 5, sloped_pocket, 3), ([0] * 4, pocket_beside_a_harmless_minimum, 4)],
 )
-def test_narrow_pocket_is_found_within_500_evaluations(levels, function, dimensions):
+def test_a_narrow_pocket_is_found_within_500_evaluations(levels, function, dimensions):
     # Over three sets of ten pockets: 30 of 30 and 28 of 30.
     lows = np.random.default_rng(6).uniform(0.0, 0.75, (10, dimensions))
     found = [(run(levels, 500, seed, function(low))[1] < 0).any() for seed, low in enumerate(lows)]
     assert sum(found) >= 9
 
 
-def test_minimum_is_approached_closely():
+def test_the_minimum_of_a_smooth_margin_is_approached_closely():
     points, margins, end = run([0, 0, 0], 200, 1, bowl)
     assert margins.min() < -0.0099
     assert end.worst_margin == margins.min()
@@ -69,14 +69,14 @@ def test_minimum_is_approached_closely():
 
 
 @pytest.mark.parametrize("budget", [0, 1, 7, 16, 17, 61])
-def test_budget_is_used_to_the_last_evaluation(budget):
+def test_the_budget_is_used_to_the_last_evaluation(budget):
     points, _, end = run([0, 4, 0], budget, 3, bowl)
     assert len(points) == end.evaluations == budget
     assert end.reason == "budget used"
 
 
 @pytest.mark.parametrize("levels", [[0], [0, 0], [7, 0, 2], [0] * 12, [1, 0, 3], [50, 40, 30]])
-def test_points_are_in_the_cube_and_in_the_cells_of_discrete_dimensions(levels):
+def test_points_are_in_the_unit_cube_and_centred_in_the_cells_of_discrete_dimensions(levels):
     points, _, _ = run(levels, 100, 2, bowl)
     assert points.shape == (100, len(levels))
     assert ((points >= 0.0) & (points <= 1.0)).all()
@@ -86,7 +86,7 @@ def test_points_are_in_the_cube_and_in_the_cells_of_discrete_dimensions(levels):
     assert len(np.unique(points, axis=0)) == len(points)
 
 
-def test_same_seed_gives_the_same_points_whatever_the_caller_draws():
+def test_the_same_seed_gives_the_same_points_whatever_the_caller_draws():
     first, _, end = run([0, 3, 0], 150, 4, bowl)
 
     def draws(points):
@@ -100,7 +100,7 @@ def test_same_seed_gives_the_same_points_whatever_the_caller_draws():
     assert run([0, 3, 0], 150, 5, bowl)[0].tobytes() != first.tobytes()
 
 
-def test_numpy_generator_of_the_caller_is_left_as_it_was():
+def test_numpys_global_generator_is_left_unchanged():
     np.random.seed(1)
     expected = np.random.standard_normal()
     np.random.seed(1)
@@ -109,7 +109,7 @@ def test_numpy_generator_of_the_caller_is_left_as_it_was():
     assert np.random.standard_normal() == expected
 
 
-def test_search_survives_without_any_verdict():
+def test_a_search_without_any_known_margin_uses_its_budget_and_has_no_worst_point():
     points, _, end = run([0, 5], 90, 1, lambda p: np.full(len(p), np.nan))
     assert len(points) == end.no_verdict == 90
     assert np.isnan(end.worst_margin)
@@ -117,14 +117,14 @@ def test_search_survives_without_any_verdict():
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, np.inf, -np.inf])
-def test_search_explores_where_all_margins_are_equal(value):
+def test_the_whole_space_is_explored_where_all_margins_are_equal(value):
     points, _, end = run([0, 0, 0], 128, 1, lambda p: np.full(len(p), value))
     assert end.worst_margin == value
     assert end.restarts == 0
     assert (np.histogramdd(points, bins=4, range=[(0, 1)] * 3)[0] > 0).mean() > 0.95
 
 
-def test_search_descends_between_missing_and_infinite_margins():
+def test_a_search_descends_between_unknown_and_infinite_margins():
     def margin(points):
         f = bowl(points)
         f = np.where(points[:, 0] > 0.8, np.inf, f)
@@ -136,7 +136,7 @@ def test_search_descends_between_missing_and_infinite_margins():
     assert end.no_verdict == np.isnan(margins).sum() > 0
 
 
-def test_minus_infinity_is_the_worst_margin_and_ends_nothing():
+def test_a_margin_of_minus_infinity_is_the_worst_one_and_does_not_end_the_search():
     def margin(points):
         return np.where((points < 0.4).all(1), -np.inf, bowl(points))
 
@@ -149,26 +149,26 @@ def test_minus_infinity_is_the_worst_margin_and_ends_nothing():
     ("budget", "count", "reason"),
     [(100, 24, "all points of the discrete space evaluated"), (23, 23, "budget used")],
 )
-def test_discrete_space_is_exhausted_without_repetition_within_the_budget(budget, count, reason):
+def test_a_discrete_space_is_exhausted_without_repetition_within_the_budget(budget, count, reason):
     points, _, end = run([4, 3, 2], budget, 6, bowl)
     assert len(points) == len(np.unique(points, axis=0)) == count
     assert end.reason == reason
 
 
 @pytest.mark.parametrize("levels", [[0], [400]])
-def test_one_dimension_is_searched(levels):
+def test_a_space_of_one_dimension_is_searched(levels):
     _, margins, end = run(levels, 60, 1, bowl)
     assert margins.min() < -0.0099
     assert isinstance(end, SearchEnd)
 
 
 @pytest.mark.parametrize(("levels", "budget"), [([], 5), ([0, -1], 5), ([0], -1)])
-def test_impossible_arguments_are_refused(levels, budget):
+def test_invalid_dimensions_or_budgets_are_refused(levels, budget):
     with pytest.raises(ValueError, match="at least one dimension"):
         next(worst_search(levels, budget, 0))
 
 
-def test_margins_of_another_number_are_refused():
+def test_a_wrong_number_of_margins_is_refused():
     search = worst_search([0], 50, 0)
     batch = next(search)
     with pytest.raises(ValueError, match=f"{len(batch)} points"):

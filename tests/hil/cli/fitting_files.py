@@ -1,4 +1,4 @@
-"""Measurements of known truth for the tests of `identify` and `validate`, and how these are called."""
+"""Simulated measurements of known parameters for the tests of `identify` and `validate`, and calls of these."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEPT = ("time_s", "left_voltage_v", "right_voltage_v", "left_current_a", "left_h
 
 
 def call(*arguments: object) -> int:
-    """The exit code, whichever way it comes."""
+    """Call the command line, and return its exit code, returned or raised."""
     try:
         return main([str(each) for each in arguments])
     except SystemExit as leaving:
@@ -26,7 +26,7 @@ def call(*arguments: object) -> int:
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[str]:
-    """The lines on stderr of a call that must be refused, with nothing on stdout."""
+    """Return the lines on stderr of a call that must be refused, with nothing on stdout."""
     assert call(*arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -38,7 +38,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[st
 
 
 def write_columns(path: Path, columns: Mapping[str, Floats]) -> Path:
-    """A CSV file, NaN as an empty cell."""
+    """Write columns to a CSV file, NaN as an empty cell."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     lines = [",".join("" if x != x else repr(x) for x in row) for row in rows]
     path.write_text("\n".join([",".join(columns), *lines, ""]), encoding="utf-8")
@@ -46,13 +46,13 @@ def write_columns(path: Path, columns: Mapping[str, Floats]) -> Path:
 
 
 def read_columns(path: Path) -> dict[str, Floats]:
-    """The columns of a CSV file without empty cells."""
+    """Return the columns of a CSV file that has no empty cells."""
     names = path.read_text(encoding="utf-8").partition("\n")[0].split(",")
     return dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
 
 
 def driven(seconds: float, volts: float) -> dict[str, Floats]:
-    """A ramp, a wobble so that there is something to see, and off."""
+    """Return input columns: a voltage ramp, a wobble so that parameters can be identified, and off."""
     times = np.arange(round(seconds * 500) + 1) / 500.0
     wobble = 1.0 + 0.2 * np.sign(np.sin(8.0 * times)) * (times > 0.6)
     return {
@@ -62,7 +62,7 @@ def driven(seconds: float, volts: float) -> dict[str, Floats]:
 
 
 def simulated(folder: Path, inputs: Mapping[str, Floats], *flags: object) -> dict[str, Floats]:
-    """What `simulate` says of these inputs, at 500 Hz."""
+    """Return the columns that `simulate` gives for these inputs, at 500 Hz."""
     given, out = folder / "given.csv", folder / "out.csv"
     write_columns(given, inputs)
     step = ("--step", 0.0005, "--every", 4)
@@ -73,12 +73,12 @@ def simulated(folder: Path, inputs: Mapping[str, Floats], *flags: object) -> dic
 
 
 def settings(values: Mapping[str, float]) -> list[str]:
-    """As `--set` takes them."""
+    """Return parameter values as arguments of `--set`."""
     return [text for name, value in values.items() for text in ("--set", f"{name}={value!r}")]
 
 
 def noisy(columns: Mapping[str, Floats], kept: tuple[str, ...] = KEPT) -> dict[str, Floats]:
-    """Some columns, the currents with 0.05 A of noise, the angle with 0.1 deg."""
+    """Return some columns, the currents with 0.05 A of noise, the angle with 0.1 deg."""
     random = np.random.default_rng(2008)
     sizes = {"left_current_a": 0.05, "right_current_a": 0.05, "gate_angle_deg": 0.1}
     return {

@@ -1,4 +1,4 @@
-"""A terminal for tests: a pseudo-terminal whose far end is emulated, so that one can ask what is on its screen."""
+"""A pseudo-terminal for tests with an emulated screen, so that a test can read what is displayed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PATIENCE_S = 60.0  # only a test that fails waits so long
 
 
 class PseudoTerminal:
-    """Whoever writes to `stream` is seen by `lines`."""
+    """A terminal: text written to `stream` appears on the emulated screen (`lines`)."""
 
     def __init__(self, columns: int = 80, rows: int = 24) -> None:
         self._master, self.slave = os.openpty()
@@ -35,15 +35,15 @@ class PseudoTerminal:
         self._reader.start()
 
     def resize(self, columns: int, rows: int) -> None:
-        """Give the terminal another size; what is on the screen is cut, not wrapped."""
+        """Resize the terminal; the content of the screen is cut, not wrapped."""
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
     def types(self, keys: bytes) -> None:
-        """Press keys."""
+        """Send key presses to the terminal."""
         os.write(self._master, keys)
 
     def hang_up(self) -> None:
-        """Take the terminal away: from now on whoever writes to it gets an OSError."""
+        """Close the far end of the terminal: from now on writing to it raises an OSError."""
         self._sync()
         self.is_there = False
         os.write(self.slave, b" ")  # ends the present read
@@ -51,26 +51,26 @@ class PseudoTerminal:
         os.close(self._master)
 
     def raw(self) -> str:
-        """Everything that was written so far."""
+        """Return everything written to the terminal so far."""
         self._sync()
         return self._raw.decode()
 
     def lines(self) -> list[str]:
-        """The lines on the screen, without empty ones at its end."""
+        """Return the lines on the screen, without empty ones at the end."""
         self._sync()
         return _seen(self._raw, self._size)
 
     def pictures(self) -> list[list[str]]:
-        """What was on the screen each time something had been drawn, one after the other."""
+        """Return the screen contents after each drawing, in order."""
         self._sync()
         return [_seen(self._raw[: found.end()], self._size) for found in _DRAWN.finditer(self._raw)]
 
     def wait_for(self, text: str) -> None:
-        """Wait until a text has been written."""
+        """Wait until a text has been written to the terminal."""
         self._wait_until(lambda: text.encode() in self._raw, text)
 
     def wait_for_picture(self, text: str) -> None:
-        """Wait until a picture with a text has been drawn to its end: Ctrl-C discards what is still to be read."""
+        """Wait until a screen with a text is completely drawn, as Ctrl-C discards unread output."""
         wanted = text.encode()
         self._wait_until(lambda: wanted in self._raw and _DRAWN.search(self._raw, self._raw.index(wanted)), text)
 
@@ -79,7 +79,7 @@ class PseudoTerminal:
             assert self._news.wait_for(is_so, _PATIENCE_S), (text, self._raw)
 
     def _sync(self) -> None:
-        """Wait until everything that was written has been read: until a mark that is written last arrives."""
+        """Wait until everything written has been read, by means of a mark that is written last."""
         self.stream.flush()
         if not self._reader.is_alive():
             return
@@ -109,7 +109,7 @@ def _seen(raw: bytes, size: tuple[int, int]) -> list[str]:
 
 @contextlib.contextmanager
 def as_stderr(monkeypatch: pytest.MonkeyPatch, columns: int = 80, rows: int = 24, term: str = "xterm-256color"):
-    """Context in which stderr is a terminal."""
+    """Replace stderr by a pseudo-terminal within a context."""
     terminal = PseudoTerminal(columns, rows)
     with monkeypatch.context() as patch:
         patch.setenv("TERM", term)
@@ -119,6 +119,6 @@ def as_stderr(monkeypatch: pytest.MonkeyPatch, columns: int = 80, rows: int = 24
 
 
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Show progress of whatever takes any time at all, at each of its reports."""
+    """Show progress of even the shortest operation, at each of its reports."""
     monkeypatch.setattr("liftgate_hil.cli.terminal.progress.AFTER_S", 0.0)
     monkeypatch.setattr("liftgate_hil.cli.terminal.progress.EVERY_S", 0.0)

@@ -1,4 +1,4 @@
-"""The command `campaign`: its messages, its files, and what is left of it when it is ended."""
+"""The command `campaign`: its messages, its files, and what remains of a campaign that is stopped or killed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def rows_in(folder: str | Path) -> list[dict]:
-    """The rows without the time that they took, which differs."""
+    """The result rows without the evaluation time, which differs."""
     return pq.read_table(Path(folder) / "results.parquet").drop_columns(["wall_s"]).to_pylist()
 
 
@@ -85,7 +85,7 @@ def manifest_in(folder: str | Path) -> dict:
         ),
     ],
 )
-def test_wrong_flags_are_one_clear_line(
+def test_a_wrong_flag_is_refused_in_one_line(
     scenario: str, flags: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["campaign", scenario, *flags]) == 2
@@ -96,7 +96,7 @@ def test_wrong_flags_are_one_clear_line(
     assert not Path("campaign").exists()
 
 
-def test_all_combinations_have_a_row_and_the_files_say_what_they_are(
+def test_a_full_grid_has_one_row_per_combination_and_the_files_describe_the_columns(
     scenario: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = ["--vary", "angle=60,75", "--vary", "supply.voltage=9.5,12,15", "--output", "out", "--jobs", "1"]
@@ -123,7 +123,7 @@ def test_all_combinations_have_a_row_and_the_files_say_what_they_are(
         assert f"`{name}`" in Path("out/DATA.md").read_text()
 
 
-def test_any_row_is_replayed_bit_by_bit(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_any_result_row_is_replayed_bit_by_bit(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--vary", "angle~uniform(60,79)", "--vary", "draw~integer(0,999)", "--samples", "5", "--jobs", "1"]
     assert main(["campaign", scenario, *flags]) == 0
     for row in rows_in("campaign"):
@@ -133,7 +133,7 @@ def test_any_row_is_replayed_bit_by_bit(scenario: str, capsys: pytest.CaptureFix
     assert Path("run.csv").stat().st_size > 10_000
 
 
-def test_a_replay_says_what_the_campaign_saw_otherwise(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_reports_deviations_from_the_campaign(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", scenario, "--vary", "angle=60,75", "--jobs", "1", "--quiet"]) == 0
     path = Path("campaign/results.parquet")
     table = pq.read_table(path)
@@ -146,7 +146,7 @@ def test_a_replay_says_what_the_campaign_saw_otherwise(scenario: str, capsys: py
     assert "--replay zz: no such variant" in capsys.readouterr().err
 
 
-def test_a_folder_with_another_campaign_is_not_overwritten(
+def test_a_folder_with_a_campaign_is_neither_overwritten_nor_resumed_by_another_one(
     scenario: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet"]
@@ -178,7 +178,7 @@ def test_values_that_differ_in_their_last_bit_are_two_variants(scenario: str) ->
     assert rows[0]["variant"] != rows[1]["variant"]
 
 
-def test_a_clock_that_steps_changes_nothing(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_clock_that_jumps_changes_no_result(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
     flags = ["--vary", "angle=60:79:10", "--jobs", "1", "--quiet"]
     assert main(["campaign", scenario, *flags]) == 0
     real, steps = time.time, itertools.cycle([0.0, 1e6, -1e6, 3600.0])
@@ -188,7 +188,7 @@ def test_a_clock_that_steps_changes_nothing(scenario: str, monkeypatch: pytest.M
     assert 0.0 < manifest_in("stepped")["seconds"] < PATIENCE
 
 
-def test_two_campaigns_do_not_run_in_one_folder(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_in_use_by_another_campaign_is_refused(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--vary", "angle=60,75", "--jobs", "1", "--quiet"]
     folder = Folder(Path("campaign"))
     folder.create()
@@ -199,7 +199,7 @@ def test_two_campaigns_do_not_run_in_one_folder(scenario: str, capsys: pytest.Ca
 
 
 @pytest.mark.parametrize("is_drawn", [False, True])
-def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
+def test_the_worst_variant_is_written_as_a_scenario_with_the_same_margin(
     scenario: str, capsys: pytest.CaptureFixture[str], is_drawn: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours = adaptive.search_worst
@@ -239,7 +239,7 @@ def test_the_worst_is_a_scenario_of_its_own_with_the_same_margin(
     assert verdict["margin"] == found["margin"]
 
 
-def test_a_campaign_without_its_extra_does_not_begin(
+def test_a_campaign_without_its_optional_packages_is_refused(
     scenario: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
@@ -248,7 +248,7 @@ def test_a_campaign_without_its_extra_does_not_begin(
     assert not Path("campaign").exists()
 
 
-def test_a_probability_has_its_interval_and_its_report(scenario: str) -> None:
+def test_a_failure_probability_has_an_interval_and_a_report(scenario: str) -> None:
     flags = ["--vary", "angle~normal(74,0.5)", "--evaluations", "1200", "--duration", "0.7", "--jobs", "1"]
     assert main(["campaign", scenario, *flags, "--quiet", "--probability", "stays open"]) == 0
     found = manifest_in("campaign")["analysis"]
@@ -258,7 +258,7 @@ def test_a_probability_has_its_interval_and_its_report(scenario: str) -> None:
     assert "Probability of failure" in Path("campaign/report.html").read_text()
 
 
-def test_a_comparison_of_states_that_fails_with_a_margin_of_0_is_a_failure(
+def test_an_expectation_on_states_that_fails_with_a_margin_of_0_counts_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -270,7 +270,7 @@ def test_a_comparison_of_states_that_fails_with_a_margin_of_0_is_a_failure(
     assert manifest_in("campaign")["analysis"]["probability"] == pytest.approx(1.0)
 
 
-def test_a_shipped_campaign_is_named_whole(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_message_for_an_incomplete_campaign_name_has_the_full_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "trap-matrix"]) == 2
     assert capsys.readouterr().err == "liftgate-hil: SCENARIO trap-matrix: allowed: pack:trap-matrix\n"
 
@@ -325,7 +325,7 @@ def test_a_killed_campaign_is_resumed_to_the_same_results(scenario: str) -> None
     assert {each.name for each in Path("campaign").rglob(".*")} == {LOCK}
 
 
-def test_errors_of_a_stopped_campaign_are_those_of_what_was_evaluated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_counts_of_a_stopped_campaign_omit_unevaluated_variants(capsys: pytest.CaptureFixture[str]) -> None:
     outcome: Any = SimpleNamespace(
         progress=SimpleNamespace(count=10, done=5),
         counts={"pass": 3, "error": 7},  # the five that were not evaluated are among these
@@ -340,10 +340,10 @@ def test_errors_of_a_stopped_campaign_are_those_of_what_was_evaluated(capsys: py
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_campaign_keeps_what_it_has_and_says_that_it_is_incomplete(
+def test_a_stopped_campaign_keeps_its_results_and_says_that_it_is_incomplete(
     scenario: str, number: int, code: int
 ) -> None:
-    """120 variants in three processes that a signal ends, and the rest of them."""
+    """120 variants in three processes stopped by a signal, then resumed."""
     process = started(*MANY)
     wait_for_batches(2)
     process.send_signal(number)
@@ -375,8 +375,8 @@ def test_a_damaged_batch_is_evaluated_again(scenario: str) -> None:
     assert rows_in("campaign") == before
 
 
-def test_a_store_that_vanishes_is_told_and_nothing_is_lost(scenario: str) -> None:
-    """120 variants in three processes that lose their store, and the rest of them."""
+def test_a_store_that_vanishes_is_reported_and_the_campaign_can_be_resumed(scenario: str) -> None:
+    """120 variants in three processes that lose their store, then resumed."""
     process = started(*MANY, "--store", "elsewhere")
     deadline = time.monotonic() + PATIENCE
     while len(list(Path("elsewhere").glob("*.parquet"))) < 3:
@@ -394,7 +394,7 @@ def test_a_store_that_vanishes_is_told_and_nothing_is_lost(scenario: str) -> Non
     assert manifest_in("campaign")["evaluated_now"] < 120
 
 
-def test_a_campaign_is_complete_once_all_of_its_files_are_there(
+def test_a_campaign_is_complete_only_once_all_its_files_are_written(
     scenario: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write, flags = Folder.write, ["--vary", "angle=60,79", "--jobs", "1", "--quiet"]

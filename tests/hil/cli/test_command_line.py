@@ -1,4 +1,4 @@
-"""The command line: exit codes, one clear line per fault, nothing heavy where it isn't needed."""
+"""The command line: exit codes, one line per issue, and no heavy imports where they are not needed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def bus() -> str:
 
 
 def call(*arguments: str) -> int:
-    """The exit code, whichever way it comes."""
+    """Call the command line, and return its exit code, returned or raised."""
     try:
         return main(list(arguments))
     except SystemExit as leaving:
@@ -39,7 +39,7 @@ def call(*arguments: str) -> int:
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
-    """The lines on stderr of a call that must be refused as wrong usage or configuration."""
+    """Return the lines on stderr of a call that must be refused as wrong usage or configuration."""
     assert call(*arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -93,7 +93,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert lines[0].startswith("liftgate-hil")
 
 
-def test_real_time_is_refused_where_its_loop_cannot_run(
+def test_real_time_is_refused_on_a_system_that_cannot_run_its_loop(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plan, "POSSIBLE", False)
@@ -107,7 +107,7 @@ def test_real_time_is_refused_where_its_loop_cannot_run(
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
-def test_an_ecu_in_this_process_needs_no_bus(capsys: pytest.CaptureFixture[str], clock: str) -> None:
+def test_an_ecu_in_the_same_process_needs_no_bus(capsys: pytest.CaptureFixture[str], clock: str) -> None:
     of = ["--clock", clock, "--ecu", "reference", "--duration", "0.05", "--overrun-limit", "3600"]
     assert main(of) == 0
     told = capsys.readouterr()
@@ -115,7 +115,7 @@ def test_an_ecu_in_this_process_needs_no_bus(capsys: pytest.CaptureFixture[str],
     assert "ignored" not in told.err
 
 
-def test_a_bus_in_the_configuration_of_python_can_is_taken_all_the_same(
+def test_a_bus_configured_for_python_can_is_used_without_the_bus_flag(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CAN_INTERFACE", "virtual")
@@ -124,7 +124,7 @@ def test_a_bus_in_the_configuration_of_python_can_is_taken_all_the_same(
     assert "suv on configured" in capsys.readouterr().err
 
 
-def test_a_recording_of_the_same_name_is_kept_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str):
+def test_one_earlier_recording_of_a_name_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: str):
     path = tmp_path / "run.csv"
     run = ["--bus", bus, "--clock", "free", "--ecu", "reference", "--record", str(path), "--duration"]
     contents = []
@@ -175,7 +175,7 @@ def test_a_wrong_bus_or_request_is_one_line_and_exit_code_2(
     assert said in lines[0]
 
 
-def test_without_a_bus_the_message_says_how_to_name_one(
+def test_the_message_for_a_missing_bus_says_how_to_name_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
@@ -192,7 +192,7 @@ def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(capsys: pytest.
     assert "socketcan:nosuch0: cannot be opened" in line
 
 
-def test_a_mistake_in_carrying_frames_ends_the_run_with_its_cause(
+def test_an_exception_in_the_frame_thread_ends_the_run_with_its_cause(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ):
     def broken(*_: object, **__: object) -> None:
@@ -204,7 +204,7 @@ def test_a_mistake_in_carrying_frames_ends_the_run_with_its_cause(
     assert line.endswith("the thread that carries its frames has ended: not as it was meant")
 
 
-def test_an_ecu_tells_what_it_could_not_read(
+def test_an_ecu_process_reports_its_unreadable_and_refused_frames(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ):
     counts = LinkCounts(unreadable_frames=3, refused_frames=2)
@@ -213,7 +213,7 @@ def test_an_ecu_tells_what_it_could_not_read(
     assert capsys.readouterr().err.endswith("link: 3 unreadable frames, 2 refused frames\n")
 
 
-def test_all_faults_of_a_vehicle_are_reported_line_by_line(capsys: pytest.CaptureFixture[str], bus: str):
+def test_all_issues_of_vehicle_settings_are_reported_one_per_line(capsys: pytest.CaptureFixture[str], bus: str):
     lines = complaint(
         capsys, "--bus", bus, "--set", "motor.resistance=-1", "--set", "gate.mass=abc",
         "--set", "supply.volts=3",
@@ -224,12 +224,12 @@ def test_all_faults_of_a_vehicle_are_reported_line_by_line(capsys: pytest.Captur
         assert "allowed" in line
 
 
-def test_faults_leave_no_recording_behind(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
+def test_a_refused_run_leaves_no_recording_behind(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
     complaint(capsys, "--bus", bus, "--record", str(tmp_path / "a.csv"), "--record", "b.pcap")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_file_cannot_take_two_recordings(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
+def test_recording_twice_to_one_file_is_refused(capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path):
     name = str(tmp_path / "a.log")
     lines = complaint(
         capsys, "--bus", bus, "--clock", "free", "--duration", "0.01",
@@ -238,7 +238,7 @@ def test_one_file_cannot_take_two_recordings(capsys: pytest.CaptureFixture[str],
     assert "a.log" in lines[0]
 
 
-def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str], bus: str):
+def test_json_prints_only_the_summary(capsys: pytest.CaptureFixture[str], bus: str):
     assert call("--bus", bus, "--clock", "free", "--duration", "0.25", "--json") == 0
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
@@ -249,7 +249,7 @@ def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str]
     assert summary["frames_sent"] == 6 * 50 + 2 * 25 + 2 + 2 + 10
 
 
-def test_a_run_shows_the_verdicts_on_its_expectations(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_a_run_prints_the_verdicts_on_its_expectations(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     scenario = tmp_path / "s.toml"
     first, second = "name = 'a: b'\nalways = 'gate_angle_deg < 5'", "name = 'c'\nnever = 'latched == 1'"
     scenario.write_text(f"duration = 0.2\n[[expect]]\n{first}\n[[expect]]\n{second}\n")
@@ -272,12 +272,12 @@ def test_a_run_without_expectations_has_no_verdict(capsys: pytest.CaptureFixture
     assert (found["verdict"], found["expectations"]) == (None, [])
 
 
-def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str], bus: str):
+def test_a_quiet_run_prints_nothing(capsys: pytest.CaptureFixture[str], bus: str):
     assert call("--bus", bus, "--clock", "free", "--duration", "0.01", "--quiet") == 0
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_scenario_says_how_long_and_the_flag_has_the_last_word(
+def test_the_duration_flag_overrides_the_scenarios_duration(
     capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
 ):
     scenario = tmp_path / "short.toml"
@@ -290,7 +290,7 @@ def test_a_scenario_says_how_long_and_the_flag_has_the_last_word(
     assert ticks[0] - ticks[1] == 100
 
 
-def test_a_rig_on_another_database_needs_no_more_than_its_file(capsys: pytest.CaptureFixture[str], bus: str):
+def test_a_rig_file_is_enough_to_run_with_another_database(capsys: pytest.CaptureFixture[str], bus: str):
     rig = ROOT / "tests/system/foreign/foreign.toml"
     assert call(
         "--bus", bus, "--rig", str(rig), "--clock", "free", "--duration", "0.1", "--json"
@@ -314,7 +314,7 @@ def test_a_plant_that_diverges_is_one_line_and_exit_code_1(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_full_disk_is_reported_in_one_line_after_the_motors_are_off(
+def test_a_full_disk_is_reported_in_one_line_after_the_motors_are_switched_off(
     capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path, suffix: str
 ):
     path = tmp_path / f"run{suffix}"
@@ -334,7 +334,7 @@ def test_a_full_disk_is_reported_in_one_line_after_the_motors_are_off(
 
 
 @pytest.mark.parametrize("side", [(), ("ecu",)])
-def test_a_wait_on_a_virtual_bus_says_that_no_other_process_reaches_it(
+def test_waiting_on_a_virtual_bus_is_noted_as_unreachable_for_other_processes(
     capsys: pytest.CaptureFixture[str], bus: str, side: tuple[str, ...]
 ):
     assert call(*side, "--bus", bus, "--duration", "2.6") == 0
@@ -342,7 +342,7 @@ def test_a_wait_on_a_virtual_bus_says_that_no_other_process_reaches_it(
     assert "; a virtual bus is within one process, another one cannot reach it; allowed: another --bus" in waits[0]
 
 
-def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch, bus: str):
+def test_ctrl_c_before_the_bus_is_open_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch, bus: str):
     def interrupted(args: object) -> int:
         raise KeyboardInterrupt
 
@@ -365,7 +365,7 @@ def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("limit", [6, 9, 12])
-def test_too_few_files_that_may_be_open_are_reported(tmp_path: Path, limit: int):
+def test_a_low_limit_of_open_files_is_reported(tmp_path: Path, limit: int):
     command = ["-m", "liftgate_hil", "--bus", "virtual:x", "--duration", "0.1"]
     done = subprocess.run(
         ["sh", "-c", f'ulimit -n {limit}; exec "$0" "$@"', sys.executable, *command,
@@ -376,7 +376,7 @@ def test_too_few_files_that_may_be_open_are_reported(tmp_path: Path, limit: int)
     assert done.stderr == "liftgate-hil: Too many open files; allowed: a limit of 64 or more (ulimit -n)\n"
 
 
-def test_a_faulty_vehicle_file_ends_the_process_with_2_and_no_traceback(tmp_path: Path):
+def test_a_wrong_vehicle_file_ends_the_process_with_2_and_no_traceback(tmp_path: Path):
     path = tmp_path / "gate.toml"
     path.write_text("drives = 5\n[motor]\nresistance = 'low'\n")
     done = hil("--bus", "virtual:x", "--vehicle", str(path))
@@ -400,7 +400,7 @@ def test_an_unreadable_database_ends_the_process_with_2_and_no_traceback(tmp_pat
 HEAVY = {"numpy", "numba", "can", "cantools", "matplotlib", "scipy", "asammdf", "pandas"}
 
 
-def test_help_and_usage_errors_load_nothing_heavy():
+def test_help_imports_no_heavy_modules():
     code = (
         "import sys; from liftgate_hil.cli.main import main\n"
         "for name in sys.argv[1:]:\n"
@@ -415,7 +415,7 @@ def test_help_and_usage_errors_load_nothing_heavy():
 
 
 @pytest.mark.parametrize("name", [None, *COMMANDS])
-def test_every_subcommand_tells_the_version(capsys: pytest.CaptureFixture[str], name: str | None):
+def test_every_subcommand_prints_the_version(capsys: pytest.CaptureFixture[str], name: str | None):
     assert call(*([name] if name else []), "--version") == 0
     assert capsys.readouterr() == (f"liftgate-hil {liftgate_hil.__version__}\n", "")
 
@@ -426,7 +426,7 @@ def test_the_version_is_that_of_the_installed_package():
         _ = liftgate_hil.nosuch
 
 
-def test_the_version_of_sources_that_were_never_installed_is_unknown(monkeypatch: pytest.MonkeyPatch):
+def test_the_version_of_uninstalled_sources_is_unknown(monkeypatch: pytest.MonkeyPatch):
     def missing(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
@@ -434,7 +434,7 @@ def test_the_version_of_sources_that_were_never_installed_is_unknown(monkeypatch
     assert version.__wrapped__() == "unknown"
 
 
-def test_a_working_folder_with_packages_of_names_that_we_import_disturbs_nothing(tmp_path: Path):
+def test_packages_in_the_working_folder_do_not_shadow_imported_ones(tmp_path: Path):
     for name in ("hil", "plant", "tools", "can", "numpy"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise SystemExit('not ours')\n")
@@ -451,7 +451,7 @@ def test_a_working_folder_with_packages_of_names_that_we_import_disturbs_nothing
     assert (tmp_path / "run.blf").stat().st_size > 0
 
 
-def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
+def test_every_subcommand_has_a_help_text(capsys: pytest.CaptureFixture[str]):
     for name in COMMANDS:
         with contextlib.suppress(SystemExit):
             main([name, "--help"])
@@ -459,7 +459,7 @@ def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
         assert out.startswith("usage: liftgate-hil")
 
 
-def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
+def test_a_run_that_falls_too_far_behind_real_time_is_inconclusive_with_a_message(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ) -> None:
     def behind(self: RealtimeDriver, ticks: int | None) -> None:
@@ -472,7 +472,7 @@ def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     assert lh.run(scenario="demo", bus=bus, clock="realtime", ecu="bus").verdict == "inconclusive"
 
 
-def test_a_bare_call_says_what_to_type(
+def test_a_call_without_arguments_lists_the_first_commands_to_try(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
@@ -484,7 +484,7 @@ def test_a_bare_call_says_what_to_type(
     assert complaint(capsys, "--quiet")[0].startswith("liftgate-hil: --bus: missing; allowed: ")
 
 
-def test_help_and_version_are_words_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_and_version_also_work_as_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
     shown = []
     for words in (["version"], ["--version"], ["help"], ["--help"], ["help", "judge"], ["judge", "--help"]):
         assert call(*words) == 0

@@ -1,4 +1,4 @@
-"""Machine code ahead of time, and compilations that are given up."""
+"""The command `compile`: machine code ahead of time, and compilations that are aborted."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ needs_compiler = pytest.mark.skipif(not compiler.enabled(), reason="needs the co
 
 
 @needs_compiler
-def test_it_says_where_the_machine_code_is(capsys: pytest.CaptureFixture[str]):
+def test_compile_prints_the_folder_of_the_machine_code(capsys: pytest.CaptureFixture[str]):
     assert main(["compile"]) == 0
     assert capsys.readouterr().out.startswith(f"{compiler.cache_folder()}: ")
     assert main(["compile", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
 
-def test_without_the_compiler_there_is_nothing_to_make(
+def test_compile_fails_where_the_compiler_is_switched_off(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv("LIFTGATE_COMPILE", "0")
@@ -40,7 +40,7 @@ def test_without_the_compiler_there_is_nothing_to_make(
     assert "the compiler is switched off" in capsys.readouterr().err
 
 
-def test_it_makes_all_that_the_product_compiles():
+def test_compile_covers_every_function_that_is_compiled_anywhere():
     """The functions passed to `compiled` anywhere are the entry points of the table."""
     calls = [
         (path, node.args[0])
@@ -54,7 +54,7 @@ def test_it_makes_all_that_the_product_compiles():
 
 @needs_compiler
 @pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
-def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
+def test_a_run_stopped_during_compilation_ends_before_its_first_tick(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
 ):
     # Entry points keep what they have: fresh ones, and an empty disk.
@@ -80,7 +80,7 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     ],
     ids=lambda command: command[0],
 )
-def test_a_numba_that_was_not_tried_is_told_in_one_sentence(
+def test_an_untested_numba_version_is_reported_once(
     command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     version = metadata.version
@@ -95,6 +95,6 @@ def test_a_numba_that_was_not_tried_is_told_in_one_sentence(
     assert len([each for each in told if "numba" in each]) == 1
 
 
-def test_a_compilation_that_is_ended_from_outside_is_one_message():
+def test_a_killed_compiler_process_is_reported_as_an_error():
     with pytest.raises(LiftgateError, match="ended from outside"), reporting_compilation(Listener()):
         raise compiler.CompileError("the compiler's process was ended from outside (signal 9)")

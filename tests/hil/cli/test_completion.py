@@ -1,4 +1,4 @@
-"""`completion`: static scripts that complete subcommands, flags, and shipped names."""
+"""`completion`: static shell scripts that complete subcommands, flags and shipped names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from liftgate_hil.config.shipped import shipped_names
 
 @pytest.fixture(scope="module")
 def scripts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The script of each shell, in a file."""
+    """The completion script of each shell, in a file."""
     folder = tmp_path_factory.mktemp("scripts")
     found = {}
     for shell in SHELLS:
@@ -33,7 +33,7 @@ def needs(shell: str) -> None:
 
 
 def told(command: list[str], folder: Path) -> list[str]:
-    """The words that a shell prints."""
+    """Return the words that a shell prints."""
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=60)
     return [line.split("\t")[0] for line in done.stdout.splitlines()]
 
@@ -65,7 +65,7 @@ def fish(script: Path, folder: Path, *words: str) -> list[str]:
         (("simulate", "--vehicle", ""), ["compact", "heavy-suv", "suv", "mine.toml"]),
     ],
 )
-def test_a_shell_completes_what_can_be_meant(
+def test_a_shell_completes_subcommands_flags_names_and_files(
     scripts: dict[str, Path], tmp_path: Path, complete, words: tuple[str, ...], expected: list[str]
 ) -> None:
     needs(complete.__name__)
@@ -74,13 +74,13 @@ def test_a_shell_completes_what_can_be_meant(
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_every_script_is_one_that_its_shell_reads(scripts: dict[str, Path], shell: str) -> None:
+def test_the_syntax_of_every_script_is_valid_in_its_shell(scripts: dict[str, Path], shell: str) -> None:
     needs(shell)
     subprocess.run([shell, "-n", scripts[shell]], check=True, timeout=60)
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_every_script_knows_all_subcommands_flags_and_shipped_names(scripts: dict[str, Path], shell: str) -> None:
+def test_every_script_has_all_subcommands_flags_and_shipped_names(scripts: dict[str, Path], shell: str) -> None:
     text = scripts[shell].read_text()
     flags = {flag for action in whole_parser()._actions for flag in action.option_strings}
     assert "--overrun-limit" in flags
@@ -90,7 +90,7 @@ def test_every_script_knows_all_subcommands_flags_and_shipped_names(scripts: dic
         assert name in text
 
 
-def test_nothing_else_loads_what_makes_the_scripts() -> None:
+def test_other_subcommands_do_not_import_the_script_generator() -> None:
     code = (
         "import sys; from liftgate_hil.cli.main import main\n"
         "try: main(['demo', '--help'])\n"
@@ -101,6 +101,6 @@ def test_nothing_else_loads_what_makes_the_scripts() -> None:
     assert done.returncode == 0
 
 
-def test_another_shell_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unsupported_shell_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", "csh"]) == 2
     assert "invalid choice: 'csh'" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The demo judges itself, with any ECU, and writes no more than it is asked to."""
+"""The demo judges the ECU, ours or a foreign one, and writes only the files that were requested."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Raises:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the demo runs, with a module of ECUs beside it."""
+    """The working folder of the demo, with a module of ECUs beside it."""
     (tmp_path / "demo_ecus.py").write_text(TEXT)
     monkeypatch.syspath_prepend(str(tmp_path))
     place = tmp_path / "here"
@@ -81,7 +81,7 @@ SHOWN_TIMES = np.arange(0.0, 42.0, 0.01)
 
 
 def shown(force: float = 141.7, **changes: Any) -> Result:
-    """A good one, but for some changes."""
+    """Return the outcome of a passing demo with some values replaced."""
     times = SHOWN_TIMES
     angles = np.interp(times, [0, 10, 14, 19, 21, 26, 29, 41], [0, 80, 80, 34, 56, 80, 80, 0])
     columns = {
@@ -117,14 +117,14 @@ def faults(result: Result, is_ours: bool = True) -> list[str]:
     return failures(result, pinch_event(result.trace), is_ours)
 
 
-def test_a_good_demo_has_no_failures() -> None:
+def test_a_passing_demo_has_no_failures() -> None:
     assert faults(shown()) == []
     # An ECU that is not ours reports no events.
     assert faults(shown(events=[]), is_ours=False) == []
 
 
 def timed_out(count: int, clock: str = "realtime") -> Summary:
-    """The summary of a run in which commands timed out."""
+    """Return the summary of a run in which commands timed out."""
     return Summary(clock=clock, ticks=42_001, command_timeouts=count)
 
 
@@ -155,7 +155,7 @@ def timed_out(count: int, clock: str = "realtime") -> Summary:
         ),
     ],
 )
-def test_each_thing_that_a_demo_does_not_show_is_reported(changes: dict[str, Any], expected: str) -> None:
+def test_each_deviation_from_a_passing_demo_is_reported(changes: dict[str, Any], expected: str) -> None:
     assert faults(shown(**changes)) == [expected]
 
 
@@ -177,24 +177,26 @@ FAILED: dict[str, Any] = {"force": 0.0}
         ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
     ],
 )
-def test_a_machine_that_was_too_busy_is_no_failure_of_the_loop(changes: dict[str, Any], said: str) -> None:
+def test_doubtful_or_failed_expectations_of_a_late_run_count_as_a_busy_machine(
+    changes: dict[str, Any], said: str
+) -> None:
     assert busy_with(shown(**changes), is_ours=True) == said
 
 
-def test_commands_that_time_out_in_real_time_count_for_an_ecu_that_is_not_ours() -> None:
+def test_command_time_outs_in_real_time_count_only_for_a_foreign_ecu() -> None:
     late = shown(summary=timed_out(2))
     assert faults(late) == []
     assert faults(late, is_ours=False) == ["2 command time-outs: the ECU was too late"]
 
 
-def test_an_ecu_that_is_not_ours_is_judged_where_its_verdicts_are_known() -> None:
+def test_a_foreign_ecu_on_a_late_machine_is_judged_where_its_verdicts_are_certain() -> None:
     assert busy_with(shown(summary=Summary(command_timeouts=4)), is_ours=False) == ""
     assert busy_with(shown(late=LATE, **FAILED), is_ours=False) == ""
     assert busy_with(shown(late=LATE, expectations=DOUBTFUL), is_ours=False) != ""
 
 
 @pytest.mark.realtime
-def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
+def test_on_a_machine_too_busy_for_real_time_the_demo_repeats_on_the_free_clock(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A loop that is held up for 0.3 s in a motion ends there, or where the machine itself held it up before.
@@ -264,7 +266,7 @@ def test_all_failures_are_reported_at_once() -> None:
         ({"foreign": 3}, "no command was accepted, 3 frames have identifiers that the rig does not receive"),
     ],
 )
-def test_a_gate_that_never_moved_names_the_cause_first(received: dict[str, int], cause: str) -> None:
+def test_the_cause_of_a_gate_that_never_moved_is_reported_first(received: dict[str, int], cause: str) -> None:
     still = columns_with(gate_angle_deg=np.zeros(4200), pinch_force_n=np.zeros(4200))
     summary = Summary(ticks=42_001, received=NO_COUNTS._replace(**received))
     found = faults(shown(trace=still, summary=summary), is_ours=False)
@@ -274,7 +276,7 @@ def test_a_gate_that_never_moved_names_the_cause_first(received: dict[str, int],
 # The whole of it.
 
 
-def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
+def test_with_the_reference_ecu_the_demo_passes_and_writes_recordings_and_a_picture(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert demo() == 0
@@ -291,25 +293,25 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_recordings_it_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_no_record_the_demo_writes_no_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--no-record") == 0
     assert list(folder.iterdir()) == []
     assert "written" not in capsys.readouterr().out
 
 
-def test_a_folder_that_is_not_there_is_made(folder: Path) -> None:
+def test_a_missing_output_folder_is_created(folder: Path) -> None:
     assert demo("--duration", "0.1", "--output", "new/one") == 0
     found = sorted(path.name for path in (folder / "new/one").iterdir())
     assert found == ["demo.csv", "demo.log", "demo.png"]
 
 
-def test_a_folder_that_cannot_be_made_is_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_impossible_output_folder_is_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "taken").write_text("a file")
     assert demo("--output", "taken/new") == 2
     assert "--output taken/new: cannot be created: Not a directory" in capsys.readouterr().err
 
 
-def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
+def test_explicit_recordings_are_written_despite_no_record(folder: Path) -> None:
     assert demo("--no-record", "--duration", "0.1", "--record", "mine.csv") == 0
     assert [path.name for path in folder.iterdir()] == ["mine.csv"]
 
@@ -324,13 +326,13 @@ def test_a_precondition_that_does_not_end_is_reported_and_inconclusive(
     assert line.startswith("liftgate-hil: precondition: open: the gate still moves, or a drive is ")
 
 
-def test_an_ecu_that_never_opens_fails_with_the_reasons(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_ecu_that_never_opens_the_gate_fails_the_demo(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--ecu", "demo_ecus:Silent", "--no-record") == 1
     lines = capsys.readouterr().err.splitlines()
     assert "liftgate-hil demo: failed: the gate never met the obstacle" in lines
 
 
-def test_an_obstacle_that_the_ecu_does_not_feel_fails(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_ecu_that_misses_the_obstacle_fails_the_demo(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # What the ECU sees of the current is nothing, and of the speed what counts tell.
     rig = folder / "deaf.toml"
     lines = find_config("rigs", "liftgate").read_text().splitlines()
@@ -341,7 +343,7 @@ def test_an_obstacle_that_the_ecu_does_not_feel_fails(folder: Path, capsys: pyte
 
 
 @pytest.mark.parametrize("arguments", [["--duration", "1"], ["--scenario", "other.toml"]])
-def test_a_part_of_it_and_another_scenario_are_not_judged(folder: Path, arguments: list[str]) -> None:
+def test_a_shortened_demo_and_another_scenario_are_not_judged(folder: Path, arguments: list[str]) -> None:
     (folder / "other.toml").write_text("duration = 1.0\n")
     assert demo("--ecu", "demo_ecus:Silent", "--no-record", *arguments) == 0
 
@@ -354,7 +356,7 @@ def test_a_part_of_it_and_another_scenario_are_not_judged(folder: Path, argument
         ('after = "gate_angle_deg > 1000"\nnever = "left_current_a > 1"', 0, 3),
     ],
 )
-def test_a_run_reports_on_the_bench_and_the_demo_on_the_ecu(
+def test_failed_expectations_change_the_exit_code_of_demo_but_not_of_run(
     folder: Path, expectation: str, of_run: int, of_demo: int
 ) -> None:
     (folder / "other.toml").write_text(f'duration = 0.1\n[[expect]]\nname = "one"\n{expectation}\n')
@@ -363,13 +365,13 @@ def test_a_run_reports_on_the_bench_and_the_demo_on_the_ecu(
     assert main(["demo", "--no-record", *bench]) == of_demo
 
 
-def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_exception_of_the_ecu_is_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--ecu", "demo_ecus:Raises", "--no-record") == 1
     (line,) = (each for each in capsys.readouterr().err.splitlines() if "ValueError" in each)
     assert line.startswith("liftgate-hil: the ECU at 0.000 s: ValueError: not today (demo_ecus.py")
 
 
-def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu(
+def test_an_exception_in_a_python_library_is_reported_with_the_ecus_own_line(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("../beside.py").write_text(
@@ -381,7 +383,7 @@ def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu(
 
 
 @c_ecu.needs_compiler
-def test_a_c_library_passes_too_and_is_among_the_sources(
+def test_a_c_library_passes_and_is_listed_among_the_sources(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     library = c_ecu.build_library(tmp_path)
@@ -395,7 +397,7 @@ def test_a_c_library_passes_too_and_is_among_the_sources(
 
 @needs_compiler
 @pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
-def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
+def test_a_crash_of_a_c_library_ends_the_demo_and_not_its_caller(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], clock: str
 ) -> None:
     source = """
@@ -419,7 +421,7 @@ def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
+def test_a_stopped_demo_says_so_and_keeps_its_recordings_so_far(
     folder: Path, capsys: pytest.CaptureFixture[str], number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SIGNAL", str(number))
@@ -434,7 +436,7 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
     assert (folder / "demo.png").is_file()
 
 
-def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
+def test_a_demo_stopped_during_compilation_writes_no_picture(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def given_up(*_: object, **__: object) -> None:
@@ -447,7 +449,7 @@ def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
     assert not (folder / "demo.png").exists()
 
 
-def test_the_json_of_one_that_is_stopped_says_by_what(
+def test_the_json_of_a_stopped_demo_names_the_signal(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SIGNAL", str(int(signal.SIGTERM)))
@@ -469,7 +471,7 @@ def test_the_json_of_one_that_is_stopped_says_by_what(
         (["--record", "x.foo"], "--record x.foo: format"),
     ],
 )
-def test_what_cannot_be_meant_is_usage_and_writes_nothing(
+def test_wrong_arguments_are_refused_and_write_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
 ) -> None:
     try:
@@ -483,9 +485,7 @@ def test_what_cannot_be_meant_is_usage_and_writes_nothing(
     assert list(folder.iterdir()) == []
 
 
-def test_the_notes_on_a_run_are_printed_beside_its_summary(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_notes_on_a_run_are_printed_and_in_the_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Three runs, each of an ECU in a process of its own."""
     note = "requests without effect: open, close: the ECU has no request()"
     given = ["--ecu", "demo_ecus:Silent", "--no-record", "--duration", "30"]
@@ -498,7 +498,7 @@ def test_the_notes_on_a_run_are_printed_beside_its_summary(
     assert note not in capsys.readouterr().err
 
 
-def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_json_has_the_summary_and_the_sources(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert demo("--json", "--no-record") == 0
     summary = json.loads(capsys.readouterr().out)
     # Three between cycles: it stops or turns back at once.
@@ -512,7 +512,7 @@ def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixt
     assert set(origin["sources"]) == {"vehicle", "rig", "dbc", "scenario", "included 1", "included 2"}
 
 
-def test_its_json_is_the_same_again_on_a_date_that_is_given(
+def test_the_json_is_reproducible_with_a_given_date(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
@@ -525,7 +525,7 @@ def test_its_json_is_the_same_again_on_a_date_that_is_given(
     assert json.loads(text)["pinch"] is None
 
 
-def test_the_seed_is_the_one_that_was_asked_for(folder: Path) -> None:
+def test_the_seed_flag_determines_the_noise(folder: Path) -> None:
     texts = {}
     for seed in ("1", "2", "1"):
         noise = ["--set", "sensors.current_noise=0.1"]
@@ -535,14 +535,14 @@ def test_the_seed_is_the_one_that_was_asked_for(folder: Path) -> None:
     assert texts["1"] != texts["2"]
 
 
-def test_on_the_lockstep_clock_it_shows_the_same(folder: Path) -> None:
+def test_the_recording_is_the_same_on_the_free_and_lockstep_clocks(folder: Path) -> None:
     for clock in ("free", "lockstep"):
         arguments = ["--duration", "1", "--record", f"{clock}.csv", "--no-record", "--quiet"]
         assert main(["demo", "--clock", clock, *arguments]) == 0
     assert (folder / "free.csv").read_bytes() == (folder / "lockstep.csv").read_bytes()
 
 
-def test_the_demos_own_length_is_what_makes_it_whole() -> None:
+def test_the_demo_scenario_lasts_42_seconds() -> None:
     assert scenario_from("demo").duration == 42.0
 
 
@@ -565,7 +565,7 @@ class Raises:
         ("their_ecus:Raises", 1, "ValueError: not today"),
     ],
 )
-def test_an_ecus_process_that_fails_ends_the_run_with_its_cause(
+def test_a_failing_ecu_process_ends_the_run_with_its_cause(
     folder: Path, capsys: pytest.CaptureFixture[str], ecu: str, code: int, told: str
 ) -> None:
     (folder / "their_ecus.py").write_text(ON_A_BUS)
@@ -576,7 +576,7 @@ def test_an_ecus_process_that_fails_ends_the_run_with_its_cause(
     assert "requests, from the gate's first frame on" not in said  # what it printed before it failed
 
 
-def test_the_summary_of_a_run_stays_where_the_ecus_process_fails(
+def test_the_summary_is_printed_although_the_ecu_process_fails(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "their_ecus.py").write_text(ON_A_BUS)
@@ -589,7 +589,7 @@ def test_the_summary_of_a_run_stays_where_the_ecus_process_fails(
     assert failure.endswith("ValueError: not today (their_ecus.py, line 5)")
 
 
-def test_an_ecus_process_that_fails_when_it_is_stopped_has_failed() -> None:
+def test_an_ecu_process_that_fails_while_it_is_stopped_counts_as_failed() -> None:
     code = (
         "import signal, sys, time\n"
         "def stop(*_):\n"
@@ -611,7 +611,7 @@ def test_an_ecus_process_that_fails_when_it_is_stopped_has_failed() -> None:
         child.end(was_stopped=True, has_taken_part=True)
 
 
-def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_ecu_process_may_print_more_than_a_pipe_buffer_holds(capsys: pytest.CaptureFixture[str]) -> None:
     code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
     child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), is_ours=True)
     until = time.monotonic() + 60.0
@@ -632,7 +632,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(capsys: pytest.CaptureF
         (["--ecu", f"{__name__}:NoStep"], f"--ecu {__name__}:NoStep: no step(); allowed: an object with step("),
     ],
 )
-def test_issues_name_flags_as_a_user_types_them(
+def test_issues_name_flags_as_typed_on_the_command_line(
     arguments: list[str],
     said: str,
     capsys: pytest.CaptureFixture[str],
@@ -646,10 +646,10 @@ def test_issues_name_flags_as_a_user_types_them(
 
 
 class NoStep:
-    """What is no ECU."""
+    """A class that is no ECU as it has no method `step`."""
 
 
-def test_the_code_of_the_ecus_process_is_ready_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_machine_code_is_ready_before_the_ecu_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     order = []
 
     @contextlib.contextmanager
@@ -666,7 +666,7 @@ def test_the_code_of_the_ecus_process_is_ready_before_the_run(monkeypatch: pytes
     assert order == ["machine code", "process"]
 
 
-def test_a_scenario_without_expectations_is_said_to_be_not_judged(
+def test_a_scenario_without_expectations_is_reported_as_not_judged(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "mine.toml").write_text("duration = 0.1\n")

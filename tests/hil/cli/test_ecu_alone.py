@@ -1,4 +1,4 @@
-"""`liftgate-hil ecu`: what it says of frames that its process did not read in time."""
+"""`liftgate-hil ecu`: reports on frames that its process did not read in time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from liftgate_hil.drive.ecu_alone import _Losses
 
 
-def test_the_first_frames_that_are_dropped_are_told_once_those_before_it_began_are_not():
+def test_dropped_frames_are_reported_once_and_only_if_dropped_after_the_start():
     said: list[str] = []
     peer: Any = SimpleNamespace(dropped=7)
     teller: Any = SimpleNamespace(say=said.append)

@@ -1,4 +1,4 @@
-"""`--help` of each command: what it needs, its flags by subject, and examples that it takes."""
+"""`--help` of each command: its usage line, its flags grouped by subject, and examples that are valid."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def helped(capsys: pytest.CaptureFixture[str], name: str) -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_help_begins_with_what_is_needed_and_ends_with_examples(
+def test_a_help_text_begins_with_usage_and_ends_with_examples(
     capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     text = helped(capsys, name)
@@ -28,7 +28,7 @@ def test_a_help_begins_with_what_is_needed_and_ends_with_examples(
     assert len(examples) >= 3
 
 
-def test_flags_stand_with_their_subjects(capsys: pytest.CaptureFixture[str]) -> None:
+def test_flags_are_grouped_by_subject(capsys: pytest.CaptureFixture[str]) -> None:
     text = helped(capsys, "judge")
     assert text.startswith("usage: liftgate-hil judge RECORDING [RECORDING ...] --scenario NAME|FILE [FLAGS]\n")
     subjects = [line.removesuffix(":") for line in text.splitlines() if line.endswith(":") and line[0] != " "]
@@ -46,7 +46,7 @@ def test_every_flag_has_a_subject() -> None:
 
 
 @pytest.mark.parametrize("example", [each for examples in EXAMPLES.values() for each in examples])
-def test_an_example_is_taken(example: str) -> None:
+def test_every_example_is_accepted_by_the_parser(example: str) -> None:
     words = shlex.split(example, comments=True)
     words = words[words.index("liftgate-hil") + 1 :]
     if ">" in words:

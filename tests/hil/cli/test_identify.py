@@ -1,4 +1,4 @@
-"""`identify`: the truth comes out, within the uncertainty that it tells, and nothing comes out of garbage."""
+"""`identify`: true parameters are found within their stated uncertainty, and bad data give no number."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def found(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, A
 
 
 def assert_true(result: dict[str, Any], truth: dict[str, float], largest: float = 0.05) -> None:
-    """Every value within SIGMAS of the truth, and known well enough for this to say something."""
+    """Assert that every value is within SIGMAS of the truth, and its uncertainty small enough to be meaningful."""
     assert list(result["parameters"]) == list(truth)
     for name, value in truth.items():
         each = result["parameters"][name]
@@ -69,7 +69,7 @@ def assert_true(result: dict[str, Any], truth: dict[str, float], largest: float 
         assert abs(each["value"] - value) < SIGMAS * each["std"], (name, each, value)
 
 
-def test_the_truth_comes_out_of_currents_and_hall_counts(
+def test_true_parameters_are_found_from_currents_and_hall_counts(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
     result = found(capsys, opening, "--estimate", NAMES)
@@ -121,7 +121,7 @@ def test_opening_and_closing_on_a_slope_are_identified_together(
     assert [each["name"] for each in result["experiments"]] == [str(each) for each in files]
 
 
-def test_each_file_may_begin_at_an_angle_of_its_own(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_each_file_may_have_its_own_initial_angle(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     # A current alone does not say where the gate is.
     files = []
     for initial, volts in (("closed", 9.0), ("open", -9.0)):
@@ -147,13 +147,13 @@ def test_a_file_given_twice_is_refused(capsys: pytest.CaptureFixture[str], openi
     assert "given twice" in lines[0]
 
 
-def test_the_result_tells_what_was_set(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_the_result_records_the_settings(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     given = ("--set", "motor.torque_constant=0.0113")
     result = found(capsys, opening, "--estimate", "motor.resistance", *given)
     assert "suv: with motor.torque_constant=0.0113" in result["notes"]
 
 
-def test_unlike_drives_are_distinguished_by_their_own_columns(
+def test_parameters_of_two_different_drives_are_identified_from_their_columns(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     truth = {"left.motor.resistance": 0.9, "right.motor.resistance": 1.1}
@@ -168,19 +168,19 @@ def test_unlike_drives_are_distinguished_by_their_own_columns(
     ]
 
 
-def test_a_drive_that_was_not_measured_is_not_made_up(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_an_unmeasured_drive_is_not_identifiable(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", "left.motor.resistance,right.motor.inductance")
     assert result["identifiable"] == {"left.motor.resistance": True, "right.motor.inductance": False}
     assert result["parameters"]["right.motor.inductance"]["remark"]
 
 
-def test_data_cut_in_mid_motion_still_tell_the_truth(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_data_that_begin_in_motion_are_identified(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", NAMES, "--from", 0.8)
     assert_true(result, TRUTH, largest=0.2)
     assert result["initial_states"]
 
 
-def test_thinned_data_still_tell_the_truth(
+def test_true_parameters_are_found_from_decimated_and_resampled_data(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     slow = opening.with_name("slow.csv")
@@ -201,7 +201,7 @@ def test_thinned_data_still_tell_the_truth(
     ]
 
 
-def test_a_pause_is_given_by_the_clock_or_by_the_user(
+def test_rest_after_a_motion_is_assumed_by_timestamps_or_the_initial_flag(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})
@@ -219,7 +219,7 @@ def test_a_pause_is_given_by_the_clock_or_by_the_user(
         assert any("begins at rest after a motion" in note for note in result["notes"]) == expected
 
 
-def test_one_drive_has_no_sides(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_one_drive_has_no_left_or_right_names(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     truth = {"motor.resistance": 1.2}
     out = simulated(tmp_path, driven(2.0, 9.0), "--vehicle", "compact", *settings(truth))
     kept = tuple(name for name in KEPT if not name.startswith("right"))
@@ -230,7 +230,7 @@ def test_one_drive_has_no_sides(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert "no such parameter" in lines[0]
 
 
-def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_used_again(
+def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_loaded(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     saved, again = tmp_path / "saved.toml", tmp_path / "again.toml"
@@ -261,7 +261,7 @@ def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_used_again(
     assert call("simulate", "--vehicle", again, "--voltage", 9, "--duration", 0.1) == 0
 
 
-def test_what_cannot_be_identified_stays_as_it_was_in_the_saved_vehicle(opening: Path, tmp_path: Path) -> None:
+def test_unidentifiable_parameters_keep_their_value_in_the_saved_vehicle(opening: Path, tmp_path: Path) -> None:
     saved = tmp_path / "saved.toml"
     names = "left.motor.resistance,right.motor.inductance"
     assert call("identify", opening, "--estimate", names, "--quiet", "--save-vehicle", saved) == 0
@@ -271,7 +271,7 @@ def test_what_cannot_be_identified_stays_as_it_was_in_the_saved_vehicle(opening:
     assert origin["not_identifiable"] == ["right.motor.inductance"]
 
 
-def test_all_reports_are_written_and_quiet_is_quiet(
+def test_all_reports_are_written_and_quiet_prints_nothing(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     result, page = tmp_path / "result.json", tmp_path / "page.html"
@@ -285,7 +285,7 @@ def test_all_reports_are_written_and_quiet_is_quiet(
     assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
-def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
+def test_a_far_too_large_initial_resistance_is_corrected(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
     others = settings({name: value for name, value in TRUTH.items() if name != "motor.resistance"})
@@ -293,7 +293,7 @@ def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
     assert_true(found(capsys, opening, *flags), {"motor.resistance": TRUTH["motor.resistance"]})
 
 
-def test_bounds_hold_and_are_reported_where_they_do(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_a_bound_limits_the_estimate_and_is_reported(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     lines = complaint(
         capsys, "identify", opening, "--estimate", "motor.resistance",
         "--bounds", "motor.resistance=0.7:0.72",
@@ -301,7 +301,7 @@ def test_bounds_hold_and_are_reported_where_they_do(capsys: pytest.CaptureFixtur
     assert "motor.resistance: at its bound 0.72" in lines[0]
 
 
-def test_a_prior_that_is_sure_wins_over_the_data(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_a_prior_of_tiny_variance_overrides_the_data(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", "motor.resistance", "--prior", "motor.resistance=0.8:1e-9")
     assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.8, abs=1e-6)
 
@@ -352,7 +352,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(capsys: pytest.CaptureFixture[s
         (["--plan"], ["--plan: takes no FILE"]),
     ],
 )
-def test_wrong_flags_are_a_line_each(
+def test_wrong_flags_are_reported_one_per_line(
     capsys: pytest.CaptureFixture[str], opening: Path, flags: list[str], said: list[str]
 ) -> None:
     estimate = ["--estimate", "motor.resistance"] if "--estimate" not in flags and flags else []
@@ -362,7 +362,7 @@ def test_wrong_flags_are_a_line_each(
         assert part in line
 
 
-def test_no_file_is_overwritten_that_is_read_or_just_written(
+def test_input_files_and_just_written_files_are_not_overwritten(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     before = opening.read_bytes()
@@ -378,7 +378,7 @@ def test_no_file_is_overwritten_that_is_read_or_just_written(
     assert opening.read_bytes() == before
 
 
-def test_faults_of_all_files_come_at_once(
+def test_issues_of_all_files_are_reported_at_once(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     empty = tmp_path / "empty.csv"
@@ -443,7 +443,7 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
         ("few rows", "3 rows; allowed: 20 or more"),
     ],
 )
-def test_garbage_gives_one_line_and_no_number(
+def test_unusable_data_give_one_line_and_no_estimate(
     capsys: pytest.CaptureFixture[str], columns: dict[str, Floats], tmp_path: Path, how: str, said: str
 ) -> None:
     path = write_columns(tmp_path / "spoiled.csv", _spoiled(columns, how))
@@ -455,7 +455,7 @@ def test_garbage_gives_one_line_and_no_number(
     assert not saved.exists()
 
 
-def test_hall_counts_of_a_locked_rotor_do_not_stand_in_the_way_of_its_currents(
+def test_constant_hall_counts_of_a_locked_rotor_do_not_prevent_the_use_of_its_currents(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     times = np.arange(1001) / 500.0
@@ -471,7 +471,7 @@ def test_hall_counts_of_a_locked_rotor_do_not_stand_in_the_way_of_its_currents(
     assert "never changes" in complaint(capsys, "identify", path, *flags)[0]
 
 
-def test_a_plan_ranks_experiments_and_writes_no_report_that_there_is_none_of(
+def test_a_plan_ranks_experiments_and_refuses_a_html_report(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     plan = ("identify", "--plan", "--estimate", "motor.resistance", "--duration", 1)
@@ -482,7 +482,7 @@ def test_a_plan_ranks_experiments_and_writes_no_report_that_there_is_none_of(
     assert lines == ["liftgate-hil: --html: not with --plan"]
 
 
-def test_the_inputs_of_a_plan_are_those_that_simulate_takes(
+def test_the_saved_inputs_of_a_plan_are_accepted_by_simulate(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     plan = ("identify", "--plan", "--estimate", "motor.resistance,spring.preload", "--duration", 1)
@@ -500,7 +500,7 @@ def test_the_inputs_of_a_plan_are_those_that_simulate_takes(
     )
 
 
-def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(opening: Path, tmp_path: Path) -> None:
+def test_ctrl_c_ends_identify_without_a_crash_or_partial_result(opening: Path, tmp_path: Path) -> None:
     """Steps so short that a simulation takes seconds: the interrupt comes while machine code runs."""
     result = tmp_path / "result.json"
     arguments = ["identify", str(opening), "--estimate", NAMES, "--step", "1e-5", "--quiet"]
@@ -525,7 +525,7 @@ def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(opening: Path, tm
     assert not result.exists()
 
 
-def test_a_current_of_the_wrong_sign_gives_no_number(
+def test_currents_of_the_wrong_sign_give_no_estimate(
     columns: dict[str, Floats], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     columns["left_current_a"] = -columns["left_current_a"]
@@ -534,7 +534,7 @@ def test_a_current_of_the_wrong_sign_gives_no_number(
     assert "currents of the right sign" in line
 
 
-def test_a_model_without_end_stops_sees_the_travel_alone(
+def test_a_model_without_end_stops_is_fitted_to_the_travel_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = simulated(tmp_path, driven(6.5, 12.0), *settings(TRUTH))
@@ -548,14 +548,14 @@ def test_a_model_without_end_stops_sees_the_travel_alone(
     assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.95, rel=0.01)
 
 
-def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_warnings_are_in_the_json_too(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = found(capsys, opening, "--estimate", "motor.resistance,spring.stop_stiffness")
     assert not result["identifiable"]["spring.stop_stiffness"]
     assert any("spring.stop_stiffness is not identifiable" in each for each in result["warnings"])
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_cannot_be_distinguished_in_data_without_noise_is_said_and_warns_of_nothing(
+def test_indistinguishable_parameters_in_noise_free_data_are_reported_without_python_warnings(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "exact.csv"
@@ -569,7 +569,7 @@ def test_what_cannot_be_distinguished_in_data_without_noise_is_said_and_warns_of
     assert "nothing to identify from, with vehicle suv: " in lines[0]
 
 
-def test_what_a_given_bound_holds_is_saved_with_that_bound(opening: Path, tmp_path: Path) -> None:
+def test_a_value_held_at_a_given_bound_is_saved_with_that_value(opening: Path, tmp_path: Path) -> None:
     saved, result = tmp_path / "saved.toml", tmp_path / "result.json"
     flags = (
         "--estimate",
@@ -584,7 +584,7 @@ def test_what_a_given_bound_holds_is_saved_with_that_bound(opening: Path, tmp_pa
     assert vehicle_from(str(saved)).left.motor.resistance == 0.72
 
 
-def test_a_stated_beginning_that_the_data_contradict_is_refused(
+def test_a_stated_initial_position_that_contradicts_the_data_is_refused(
     opening: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = ("--estimate", "motor.resistance")
@@ -597,7 +597,7 @@ def test_a_stated_beginning_that_the_data_contradict_is_refused(
     _check_beginnings([data], [None], "auto")
 
 
-def test_what_can_be_written_is_written_whatever_fails(opening: Path, tmp_path: Path) -> None:
+def test_the_other_reports_are_written_although_one_cannot_be(opening: Path, tmp_path: Path) -> None:
     html, vehicle, result = (tmp_path / each for each in ("ok.html", "ok.toml", "ok.json"))
     flags = ("--estimate", "motor.resistance", "--result", "/dev/full", "--html", html, "--save-vehicle", vehicle)
     assert call("identify", opening, *flags) == 2
@@ -617,14 +617,12 @@ def test_what_can_be_written_is_written_whatever_fails(opening: Path, tmp_path: 
     assert json.loads(result.read_text())["parameters"]
 
 
-def test_a_prior_that_is_too_sharp_to_be_weighed_is_refused(
-    opening: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_prior_with_a_too_small_deviation_is_refused(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ("--estimate", "motor.resistance", "--prior", "motor.resistance=0.6:1e-300")
     assert "--prior motor.resistance=0.6:1e-300" in complaint(capsys, "identify", opening, *flags)[0]
 
 
-def test_a_report_replaces_no_file_of_another_kind_and_no_input(
+def test_a_report_does_not_replace_an_input_or_a_file_of_another_kind(
     opening: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture, recording, vehicle = (tmp_path / each for each in ("p.png", "r.csv", "v.toml"))

@@ -1,4 +1,4 @@
-"""`identify` finds only what `--set` and a vehicle file take."""
+"""`identify` estimates only values that `--set` and a vehicle file accept."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
 
 @pytest.fixture(scope="module")
 def weak(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2.5 s of opening by 8 V, of a current sensor that shows 4 % too little: as if the motor made energy."""
+    """2.5 s of opening by 8 V; the current sensor shows 4 % too little, as if the motor generated energy."""
     folder = tmp_path_factory.mktemp("weak")
     out = simulated(folder, driven(2.5, 8.0))
     columns = noisy(out, (*KEPT, "gate_angle_deg"))
@@ -29,7 +29,7 @@ def weak(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_columns(folder / "weak.csv", columns)
 
 
-def test_constants_that_would_make_energy_are_found_at_the_limit_and_can_be_used(
+def test_constants_that_would_generate_energy_are_estimated_at_the_limit_and_can_be_used(
     capsys: pytest.CaptureFixture[str], weak: Path, tmp_path: Path
 ) -> None:
     saved, report = tmp_path / "saved.toml", tmp_path / "report.json"
@@ -46,7 +46,7 @@ def test_constants_that_would_make_energy_are_found_at_the_limit_and_can_be_used
         assert call("simulate", "--voltage", 9, "--duration", 0.01, *flags) == 0
 
 
-def test_a_constant_that_alone_would_make_energy_is_no_result(
+def test_a_torque_constant_that_would_generate_energy_is_refused(
     capsys: pytest.CaptureFixture[str], weak: Path
 ) -> None:
     assert call("identify", weak, "--estimate", "motor.torque_constant", "--quiet") == 2
@@ -55,10 +55,8 @@ def test_a_constant_that_alone_would_make_energy_is_no_result(
     assert "allowed: up to speed_constant/2π" in line
 
 
-def test_what_was_found_is_not_saved_beside_an_initial_value_that_does_not_go_with_it(
-    weak: Path, tmp_path: Path
-) -> None:
-    """A torque constant that could not be told stays as it was, above what the new speed constant allows."""
+def test_an_estimate_is_not_saved_beside_an_initial_value_that_contradicts_it(weak: Path, tmp_path: Path) -> None:
+    """A torque constant that is not identifiable keeps its value, above the limit by the new speed constant."""
     names = "motor.torque_constant,motor.speed_constant"
     target = str(tmp_path / "saved.toml")
     request = IdentifyRequest.of(files=str(weak), estimate=names, save_vehicle=target)

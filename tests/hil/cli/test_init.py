@@ -1,4 +1,4 @@
-"""`liftgate-hil init`: a folder that runs as it is, wherever it stands and whatever lies beside it."""
+"""`liftgate-hil init`: a starter folder that works anywhere without changes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from liftgate_hil.errors import ConfigError
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file under a folder."""
+    """Return the contents of every file under a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_the_folder_is_made_with_its_parents_and_every_file_is_named(
+def test_the_folder_is_created_with_its_parents_and_every_file_is_listed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     folder = tmp_path / "some where" / "gate"
@@ -39,15 +39,13 @@ def test_the_folder_is_made_with_its_parents_and_every_file_is_named(
     assert f"cd {shlex.quote(str(folder))}" in out
 
 
-def test_an_empty_folder_is_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_empty_folder_is_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     assert main(["init", ".", "--quiet"]) == 0
     assert (tmp_path / "rig.toml").is_file()
 
 
-def test_a_folder_with_anything_in_it_is_refused_and_left_as_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_nonempty_folder_is_refused_and_unchanged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "mine.txt").write_text("mine")
     assert main(["init", str(tmp_path)]) == 2
     captured = capsys.readouterr()
@@ -59,14 +57,14 @@ def test_a_folder_with_anything_in_it_is_refused_and_left_as_it_is(
 
 
 def repository(folder: Path, **files: str) -> Path:
-    """A fresh git repository with these files."""
+    """Make a fresh git repository with these files."""
     subprocess.run(["git", "init", "--quiet", str(folder)], check=True, timeout=60)
     for name, text in files.items():
         (folder / name.replace("__", ".")).write_text(text)
     return folder
 
 
-def test_a_fresh_git_repository_is_filled_and_what_is_there_is_kept(
+def test_a_fresh_git_repository_is_filled_and_its_files_are_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     folder = repository(tmp_path / "r", README__md="mine", LICENSE="mine", __gitignore="mine")
@@ -87,7 +85,7 @@ def test_a_repository_without_a_readme_gets_one(tmp_path: Path):
     assert not (tmp_path / "LIFTGATE.md").exists()
 
 
-def test_what_would_be_overwritten_is_listed_and_nothing_is_written(
+def test_files_that_would_be_overwritten_are_listed_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     folder = repository(tmp_path, rig__toml="mine", readme__rst="mine", LIFTGATE__md="mine")
@@ -109,7 +107,7 @@ def test_what_would_be_overwritten_is_listed_and_nothing_is_written(
     }  # fmt: skip
 
 
-def test_every_command_of_the_folder_s_readme_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_every_command_of_the_readme_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["init", str(tmp_path / "gate")]) == 0
     out = capsys.readouterr().out
     text = (tmp_path / "gate/README.md").read_text()
@@ -123,7 +121,7 @@ def test_every_command_of_the_folder_s_readme_is_printed(tmp_path: Path, capsys:
 @pytest.mark.parametrize(
     ("name", "said"), [("file", "is a file"), ("file/gate", "Not a directory"), ("x" * 300, "long")]
 )
-def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(
+def test_an_impossible_folder_is_one_line_and_exit_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, said: str
 ):
     (tmp_path / "file").write_text("")
@@ -133,12 +131,12 @@ def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(
     assert said in line
 
 
-def test_quiet_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_quiet_prints_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["init", str(tmp_path / "gate"), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
 
-def test_every_copy_is_valid_and_the_rig_is_on_the_database_beside_it(tmp_path: Path):
+def test_every_copied_file_is_valid_and_the_rig_uses_the_copied_database(tmp_path: Path):
     create_starter(tmp_path / "gate")
     assert load_rig(tmp_path / "gate/rig.toml").database == tmp_path / "gate/liftgate.dbc"
     assert load_vehicle(tmp_path / "gate/vehicle.toml").drives == 2
@@ -146,7 +144,7 @@ def test_every_copy_is_valid_and_the_rig_is_on_the_database_beside_it(tmp_path: 
     compile((tmp_path / "gate/test_gate.py").read_text(), "test_gate.py", "exec")
 
 
-def test_copies_may_be_changed_where_the_shipped_files_may_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_copies_are_writable_although_the_shipped_files_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     root = tmp_path / "installed"
     for name in ("dbc", "configs"):
         shutil.copytree(shipped.data_root() / name, root / name)
@@ -157,7 +155,7 @@ def test_copies_may_be_changed_where_the_shipped_files_may_not(tmp_path: Path, m
     assert (tmp_path / "gate/rig.toml").stat().st_mode & 0o200
 
 
-def test_a_failed_write_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_failed_write_is_reported_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
@@ -166,20 +164,20 @@ def test_a_failed_write_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         create_starter(tmp_path / "gate")
 
 
-def test_the_ecu_is_copied_without_what_was_built_of_it():
+def test_the_ecu_is_copied_without_build_products():
     names = [source.name for source in shipped.ecu_sources()]
     assert "Makefile" in names
     assert {Path(name).suffix for name in names} == {"", ".c", ".h"}
 
 
-def test_no_two_files_of_the_ecu_have_one_name():
+def test_no_two_files_of_the_ecu_have_the_same_name():
     names = [source.name for source in (*shipped.ecu_sources(), *shipped.c_headers())]
     assert len(names) == len(set(names))
     assert "liftgate_serial.h" in names
 
 
 @needs_compiler
-def test_the_copied_ecu_is_made_from_the_copies_alone(tmp_path: Path):
+def test_the_copied_ecu_is_built_from_the_copies_alone(tmp_path: Path):
     folder = tmp_path / "gate"
     create_starter(folder)
     # The Makefile's places in a checkout, as somebody else's project may have them.
@@ -199,7 +197,7 @@ def test_the_copied_ecu_is_made_from_the_copies_alone(tmp_path: Path):
 
 
 @needs_compiler
-def test_the_copied_ecu_takes_python_from_the_path(tmp_path: Path):
+def test_the_copied_ecu_is_built_with_the_python_on_the_path(tmp_path: Path):
     create_starter(tmp_path / "gate")
     done = subprocess.run(
         ["make", "-n", "-C", str(tmp_path / "gate/ecu")],

@@ -1,4 +1,4 @@
-"""`liftgate-hil judge`: which files are of one run, reports, what it says of wrong usage, how it is stopped."""
+"""`liftgate-hil judge`: which files form one run, its reports, its messages for wrong usage, and stops."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ always = "abs(LeftDrive.MotorCurrent) < $most"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two runs with a table and a log each, one with a table alone."""
+    """Recordings of two runs with a table and a log each, and of one with a table alone."""
     folder = tmp_path_factory.mktemp("judge")
     (folder / "s.toml").write_text(SCENARIO)
     for name in ("b", "a"):
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The command in that folder."""
+    """Return a function that calls `judge` in the folder, and returns its exit code."""
     monkeypatch.chdir(folder)
 
     def run(*arguments: str) -> int:
@@ -57,7 +57,7 @@ def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return run
 
 
-def test_files_of_one_name_are_one_run_and_all_stand_sorted_in_one_report(
+def test_files_of_the_same_name_form_one_run_and_the_report_lists_all_runs_sorted(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = ["c.csv", "b.log", "a.csv", "b.csv", "a.log"]
@@ -84,7 +84,7 @@ def test_files_of_one_name_are_one_run_and_all_stand_sorted_in_one_report(
         assert word not in page
 
 
-def test_a_scenario_of_another_name_makes_one_run_of_all_files_where_asked(
+def test_the_flag_one_run_joins_files_of_any_name_into_one_run(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert judged("c.csv", "b.log") == 3
@@ -123,7 +123,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert "Traceback" not in captured.err
 
 
-def test_a_stop_leaves_the_rest_as_errors_in_every_report(
+def test_a_stop_marks_the_remaining_runs_as_errors_in_every_report(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = judged_suite.judged
@@ -141,7 +141,7 @@ def test_a_stop_leaves_the_rest_as_errors_in_every_report(
     ]
 
 
-def test_one_of_several_that_cannot_be_read_is_an_error_among_the_others(
+def test_an_unreadable_recording_is_an_error_and_the_others_are_judged(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "broken.csv").write_text("time_s,gate_rate_degps\n0,x\n")
@@ -152,7 +152,7 @@ def test_one_of_several_that_cannot_be_read_is_an_error_among_the_others(
     assert [each["verdict"] for each in told["scenarios"]] == ["pass", "error"]
 
 
-def test_a_column_of_ours_may_be_taken_for_another(folder: Path) -> None:
+def test_map_reads_a_required_column_from_another_recorded_column(folder: Path) -> None:
     maps = ["gate_rate_degps=sensed_gate_angle_deg[deg/s]"]
     found = lh.judge([folder / "c.csv"], folder / "s.toml", maps=maps)
     assert found["moves"].margin == pytest.approx(46.0, abs=1.0)
@@ -160,7 +160,7 @@ def test_a_column_of_ours_may_be_taken_for_another(folder: Path) -> None:
         lh.judge([folder / "a.csv", folder / "a.log"], folder / "s.toml", maps=["gate_rate_degps=Gate.Nobody"])
 
 
-def test_a_foreign_car_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_of_a_foreign_car_is_judged_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--scenario", str(CAR / "closing.toml"), "--rig", str(CAR / "theirs.toml")]
     maps = ["--map", "gate_angle_deg=HK_Status.HK_Winkel"]
     assert main(["judge", str(CAR / "closing.log"), *arguments, *maps]) == 3

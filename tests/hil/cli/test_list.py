@@ -1,4 +1,4 @@
-"""`list`, and what is proposed for a name that does not exist."""
+"""`list`, and the suggestions for a name that does not exist."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from liftgate_hil.ecu.mutants import MUTANTS
 
 
 def listed(capsys: pytest.CaptureFixture[str], *prefix: str) -> dict[str, str]:
-    """The names that are listed, with their descriptions."""
+    """Return the listed names with their descriptions."""
     assert main(["list", *prefix]) == 0
     lines = [line.split(None, 1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
     return dict(lines)
 
 
-def test_all_that_a_flag_takes_is_listed_with_a_description(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_shipped_names_are_listed_with_a_description(capsys: pytest.CaptureFixture[str]) -> None:
     found = listed(capsys)
     for kind in KINDS:
         names = shipped_files(kind)
@@ -30,16 +30,16 @@ def test_all_that_a_flag_takes_is_listed_with_a_description(capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("prefix", ["pack/trap_40", "trap_40"])
-def test_a_prefix_selects(capsys: pytest.CaptureFixture[str], prefix: str) -> None:
+def test_list_selects_by_a_prefix(capsys: pytest.CaptureFixture[str], prefix: str) -> None:
     assert set(listed(capsys, prefix)) == {f"pack/trap_40deg_{rate}npmm" for rate in (10, 20, 65)}
 
 
-def test_a_kind_of_file_selects(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_selects_by_a_kind_of_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(listed(capsys, "Vehicles")) == set(shipped_files("vehicles"))
     assert set(listed(capsys, "ECUs")) == {"reference", *(f"mutant:{name}" for name in MUTANTS)}
 
 
-def test_a_prefix_of_nothing_is_refused_with_what_is_near(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_prefix_without_a_match_is_refused_with_similar_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "pack/crnk"]) == 2
     assert "PREFIX pack/crnk: no name begins so; allowed: pack/crank_dip, " in capsys.readouterr().err
 
@@ -59,7 +59,7 @@ TRAPS = "did you mean pack/trap_40deg_10npmm or pack/trap_40deg_20npmm or pack/t
         (["demo", "--fault", "spring_lost"], "faults are [[fault]] of a scenario, or injected on the page"),
     ],
 )
-def test_what_does_not_exist_is_answered_with_what_may_be_meant(
+def test_an_unknown_name_is_answered_with_similar_names(
     capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
 ) -> None:
     try:

@@ -1,4 +1,4 @@
-"""The flags of `identify` and `validate` that say what is measured."""
+"""The flags of `identify` and `validate` that describe the measured data."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def measure(*arguments: object, vehicle: str = "suv") -> list[Measurement]:
 
 @pytest.fixture
 def drive(tmp_path: Path) -> Path:
-    """3 s at 1 kHz: the angle goes from 0 to 60 degrees and back."""
+    """A measurement of 3 s at 1 kHz: the angle goes from 0 to 60 degrees and back."""
     times = np.arange(COUNT) * 0.001
     angle = 60.0 * np.sin(np.pi * times / 3.0)
     current = 2.0 + 0.1 * np.sin(40.0 * times)
@@ -42,7 +42,7 @@ def drive(tmp_path: Path) -> Path:
     return path
 
 
-def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
+def test_without_flags_all_rows_of_a_file_are_used(drive: Path) -> None:
     (m,) = measure(drive)
     assert len(m.times) == COUNT
     assert m.columns["left_current_a"][1000] == 80.0
@@ -51,7 +51,7 @@ def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
     ]
 
 
-def test_the_flags_cut_in_turn(drive: Path) -> None:
+def test_the_flags_cut_the_data_in_a_fixed_order(drive: Path) -> None:
     (m,) = measure(drive, "--from", 0.5, "--to", 2.9, "--cut-angle", "0:50", "--drop-outliers")
     # 0:50 holds from 0.5 s (30 deg) to 0.94 s and again from 2.06 s on: the second is longer.
     assert m.times[0] == pytest.approx(2.06, abs=0.003)
@@ -60,7 +60,7 @@ def test_the_flags_cut_in_turn(drive: Path) -> None:
     assert len(m.notes) == 3
 
 
-def test_outliers_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
+def test_outliers_are_not_taken_for_another_unit_and_can_be_dropped(drive: Path) -> None:
     text = drive.read_text().replace(",80,", ",8000,")
     drive.write_text(text)
     with pytest.raises(ConfigError) as caught:
@@ -73,7 +73,7 @@ def test_outliers_are_no_other_unit_and_can_be_dropped(drive: Path) -> None:
     assert np.nanmax(m.columns["left_current_a"]) < 3.0
 
 
-def test_one_file_each_gives_one_measurement_each(drive: Path) -> None:
+def test_each_file_gives_one_measurement(drive: Path) -> None:
     again = drive.with_name("again.csv")
     again.write_bytes(drive.read_bytes())
     first, second = measure(drive, again)
@@ -85,7 +85,7 @@ def test_a_gate_with_one_drive_has_no_right_columns(drive: Path) -> None:
     assert not [name for name in m.columns if name.startswith("right_")]
 
 
-def test_faults_of_all_files_come_at_once(drive: Path, tmp_path: Path) -> None:
+def test_issues_of_all_files_are_reported_at_once(drive: Path, tmp_path: Path) -> None:
     few = tmp_path / "few.csv"
     few.write_text("time_s,voltage_v,left_current_a\n0,1,1\n1,1,1\n")
     bad = tmp_path / "bad.csv"
@@ -98,12 +98,12 @@ def test_faults_of_all_files_come_at_once(drive: Path, tmp_path: Path) -> None:
     assert len(caught.value.issues) == 3
 
 
-def test_a_cut_that_leaves_too_little_is_a_fault(drive: Path) -> None:
+def test_a_cut_that_leaves_too_few_rows_is_refused(drive: Path) -> None:
     with pytest.raises(ConfigError, match=r"drive\.csv: 11 rows; allowed: 20 or more"):
         measure(drive, "--from", 1, "--to", 1.01)
 
 
-def test_units_are_held_against_the_vehicle(drive: Path) -> None:
+def test_values_beyond_the_vehicles_limits_are_reported_as_a_likely_wrong_unit(drive: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         measure(drive, "--map", "left_current_a=left_current_a[A]*100")
     assert caught.value.issues == [
@@ -111,7 +111,7 @@ def test_units_are_held_against_the_vehicle(drive: Path) -> None:
     ]
 
 
-def test_from_comes_before_to(drive: Path) -> None:
+def test_from_after_to_is_refused(drive: Path) -> None:
     with pytest.raises(ConfigError, match="`from_s` 2 `to_s` 1: allowed: `from_s` before `to_s`"):
         measure(drive, "--from", 2, "--to", 1)
 
@@ -134,7 +134,7 @@ def test_bad_flags_are_refused(drive: Path, flags: list[str], capsys: pytest.Cap
     assert "allowed" in capsys.readouterr().err
 
 
-def test_the_angle_of_a_position_is_the_plants() -> None:
+def test_the_angle_of_a_spindle_position_is_that_of_the_plant() -> None:
     vehicle = vehicle_from("suv")
     angle = angle_of_position(vehicle)
     for degrees in (0.0, 10.0, 45.0, 80.0):
@@ -144,7 +144,7 @@ def test_the_angle_of_a_position_is_the_plants() -> None:
 
 
 def moved(drive: Path, row: int, change: str) -> Path:
-    """The same with the times from a row on, or up to it, changed."""
+    """A copy of the measurement whose times are changed from a row on, or up to that row."""
     lines = drive.read_text().splitlines()
     for k in range(1, len(lines)):
         if k > row:
@@ -165,7 +165,7 @@ def moved(drive: Path, row: int, change: str) -> Path:
         (COUNT - 1, "1.7e308"),
     ],
 )
-def test_a_clock_that_jumps_is_reported_and_can_be_cut(drive: Path, row: int, change: str) -> None:
+def test_a_clock_that_jumps_is_reported_and_can_be_cut_off(drive: Path, row: int, change: str) -> None:
     path = moved(drive, row, change)
     with pytest.raises(ConfigError, match=rf"time_s: .* from row {row} .*; allowed: up to 60 s"):
         measure(path)
@@ -174,16 +174,16 @@ def test_a_clock_that_jumps_is_reported_and_can_be_cut(drive: Path, row: int, ch
 
 
 @pytest.mark.parametrize("change", ["t * 5e-324", "t * 1e-300", "t * 1e300", "t * 5e307"])
-def test_times_at_the_ends_of_what_a_number_holds_are_reported(drive: Path, change: str) -> None:
+def test_times_near_the_limits_of_floating_point_are_reported(drive: Path, change: str) -> None:
     with pytest.raises(ConfigError, match="time_s"):
         measure(moved(drive, 0, change))
 
 
-def test_seconds_since_1970_are_as_good_as_any(drive: Path) -> None:
+def test_timestamps_since_1970_are_accepted(drive: Path) -> None:
     assert len(measure(moved(drive, 0, "t + 1.7e9"))) == 1
 
 
-def test_a_day_and_more_is_reported(tmp_path: Path) -> None:
+def test_a_measurement_of_more_than_a_day_is_refused(tmp_path: Path) -> None:
     # Nobody's median distance is a minute: half of the rows are close together.
     times = np.cumsum(np.where(np.arange(4000) % 2, 0.4, 55.0))
     path = tmp_path / "long.csv"

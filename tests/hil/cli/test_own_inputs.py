@@ -1,6 +1,6 @@
-"""No command writes to a file that it reads, whatever the name or link by which it is asked to.
+"""No command writes to a file that it reads, whatever name or link leads to that file.
 
-Each is given its own input as its output, by a hard link: it is refused, and stays.
+Each command gets an input as its output, by a hard link: it must refuse, and the input must stay.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ECU = "class Ecu:\n    period_s = 0.01\n    def step(self, now_s, frames):\n    
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with inputs of all kinds."""
+    """A working folder with inputs of all kinds."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "own_ecu", raising=False)
@@ -61,7 +61,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents(folder: Path) -> Mapping[str, bytes]:
-    """The files of a folder by name, without the bytecode of an ECU in Python."""
+    """Return the files of a folder by name, without the bytecode of an ECU in Python."""
     files = [each for each in folder.rglob("*") if each.is_file() and each.parent.name != "__pycache__"]
     return {str(each.relative_to(folder)): each.read_bytes() for each in files}
 
@@ -137,7 +137,7 @@ def test_a_command_refuses_to_write_to_its_own_inputs(
 
 
 @pytest.mark.parametrize("name", OF_A_RUN)
-def test_a_run_from_python_refuses_them_too(here: Path, name: str) -> None:
+def test_a_run_by_the_python_api_refuses_to_write_to_its_inputs(here: Path, name: str) -> None:
     (here / "out.csv").symlink_to(name)
     before = contents(here)
     with pytest.raises(ConfigError, match=r"out\.csv: is an input file"):
@@ -145,9 +145,7 @@ def test_a_run_from_python_refuses_them_too(here: Path, name: str) -> None:
     assert contents(here) == before
 
 
-def test_the_files_of_a_campaign_are_no_place_for_a_recording(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_does_not_replace_files_of_a_campaign(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import pyarrow.parquet as pq
 
     assert main(["campaign", "short.toml", "--vary", "angle=60", "--jobs", "1", "--output", "out", "--quiet"]) == 0

@@ -1,4 +1,4 @@
-"""What the panel of a run says."""
+"""The status panel of a run in the terminal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def lines_of(status: RunStatus, view: PanelView = VIEW, width: int = 79) -> list
     return [line.rstrip() for line in text_of(status, view, width).splitlines()]
 
 
-def test_it_says_where_the_run_is():
+def test_the_panel_has_time_angle_motors_command_and_frames():
     time, gate, *others = lines_of(STATUS)
     assert time.split()[:4] == ["time", "12.5", "s", "0"]
     assert time.endswith(" 25 s")
@@ -39,18 +39,18 @@ def test_it_says_where_the_run_is():
 
 
 @pytest.mark.parametrize(("angle", "share"), [(-1.0, 0.0), (0.0, 0.0), (22.5, 0.25), (90.0, 1.0), (91.0, 1.0)])
-def test_the_bar_of_the_gate_is_as_long_as_it_is_open(angle, share):
+def test_the_bar_of_the_gate_is_proportional_to_its_angle(angle, share):
     drawn = [line.count("━") + 0.5 * line.count("╸") for line in lines_of(STATUS._replace(angle_deg=angle))[:2]]
     assert drawn[1] == pytest.approx(2.0 * share * drawn[0], abs=1.0)
 
 
-def test_without_a_duration_the_time_has_no_bar():
+def test_a_run_without_a_duration_has_no_time_bar():
     time, gate, *_ = lines_of(STATUS, VIEW._replace(duration_s=None))
     assert time.split() == ["time", "12.5", "s"]
     assert "━" in gate
 
 
-def test_what_goes_wrong_is_seen():
+def test_overruns_and_refused_frames_are_shown():
     lines = lines_of(STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7, unsent=4))
     assert lines[3] == "command  no command"
     assert lines[-1] == "         7 overruns  4 not sent  2 rejected  9 foreign"
@@ -61,7 +61,7 @@ def test_a_gate_with_one_drive_has_one_current():
     assert lines_of(STATUS, VIEW._replace(drives=1))[2] == "motors   1.50 A"
 
 
-def test_all_of_it_has_room_in_forty_columns():
+def test_the_panel_fits_into_forty_columns():
     worse = STATUS._replace(command_age_s=None, rejected=200, foreign=9, overruns=7)
     text = text_of(worse, width=39)
     assert "…" not in text
@@ -70,7 +70,7 @@ def test_all_of_it_has_room_in_forty_columns():
 
 
 @pytest.mark.parametrize("width", [1, 3, 9, 10, 20, 30, 63, 64, 200])
-def test_it_has_as_many_lines_whatever_the_width(width):
+def test_the_panel_has_the_same_number_of_lines_at_any_width(width):
     lines = lines_of(STATUS, width=width)
     assert len(lines) == 5
     assert max(map(len, lines)) <= width

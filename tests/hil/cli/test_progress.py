@@ -1,4 +1,4 @@
-"""Progress of what takes a while, on a clock of the test."""
+"""The progress display of long operations, on a clock of the test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Clock:
         return self.now
 
 
-def test_what_ends_within_two_seconds_is_not_shown(monkeypatch):
+def test_an_operation_of_less_than_two_seconds_is_not_shown(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "convert", clock=clock)
@@ -30,7 +30,7 @@ def test_what_ends_within_two_seconds_is_not_shown(monkeypatch):
         assert terminal.raw() == ""
 
 
-def test_what_takes_longer_says_how_long_it_takes_and_still_will(monkeypatch):
+def test_a_longer_operation_shows_elapsed_and_remaining_time(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "scenarios", 8, clock=clock)
@@ -47,7 +47,7 @@ def test_what_takes_longer_says_how_long_it_takes_and_still_will(monkeypatch):
         assert terminal.lines() == []
 
 
-def test_it_is_drawn_now_and_then_only(monkeypatch):
+def test_the_display_is_redrawn_only_a_few_times_a_second(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "convert", clock=clock)
@@ -58,7 +58,7 @@ def test_it_is_drawn_now_and_then_only(monkeypatch):
         assert [picture[-1] for picture in terminal.pictures()] == ["0 rows", "3 rows", "6 rows", "9 rows"]
 
 
-def test_what_was_done_before_does_not_count_as_fast(monkeypatch):
+def test_work_done_before_the_start_does_not_count_for_the_speed(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "campaign", clock=clock)
@@ -67,7 +67,7 @@ def test_what_was_done_before_does_not_count_as_fast(monkeypatch):
         assert terminal.lines()[1].endswith("10 s, 40 s left")
 
 
-def test_what_takes_a_known_time_needs_no_reports(monkeypatch):
+def test_an_operation_of_known_duration_needs_no_reports(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "doctor", clock=clock)
@@ -79,7 +79,7 @@ def test_what_takes_a_known_time_needs_no_reports(monkeypatch):
         assert terminal.lines()[1].endswith("20 s, 40 s left")
 
 
-def test_it_has_room_in_forty_columns(monkeypatch):
+def test_the_display_fits_into_forty_columns(monkeypatch):
     with as_stderr(monkeypatch, columns=40) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "compiling the real-time loop", clock=clock)
@@ -91,7 +91,7 @@ def test_it_has_room_in_forty_columns(monkeypatch):
         assert text.endswith("…")
 
 
-def test_what_has_ended_is_not_drawn_again(monkeypatch):
+def test_a_closed_display_is_not_drawn_again(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "convert", clock=clock)
@@ -101,7 +101,7 @@ def test_what_has_ended_is_not_drawn_again(monkeypatch):
         assert terminal.raw() == ""
 
 
-def test_while_nothing_is_reported_a_thread_draws_it(monkeypatch):
+def test_a_thread_draws_the_display_while_nothing_is_reported(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         with ProgressDisplay(Screen(), "plot", after_s=0.0):
             terminal.wait_for("plot")
@@ -115,7 +115,7 @@ def test_without_a_terminal_there_is_no_thread_and_no_text(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_durations_are_in_words():
+def test_durations_are_written_in_hours_minutes_and_seconds():
     assert [duration_of(each) for each in (0.4, 59.4, 60.0, 3599.0, 3700.0)] == [
         "0 s", "59 s", "1 min 0 s", "59 min 59 s", "1 h 1 min",
     ]  # fmt: skip
@@ -145,7 +145,7 @@ def test_without_a_terminal_there_is_a_plain_line_every_half_minute():
 @pytest.mark.parametrize(
     ("is_quiet", "is_json", "is_said"), [(False, False, True), (True, False, False), (False, True, False)]
 )
-def test_the_plain_line_is_none_of_a_quiet_command_or_one_with_json(
+def test_quiet_and_json_suppress_the_plain_line(
     is_quiet: bool,
     is_json: bool,
     is_said: bool,

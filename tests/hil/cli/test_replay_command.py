@@ -1,4 +1,4 @@
-"""`liftgate-hil replay`: what it says, and how it ends."""
+"""`liftgate-hil replay`: its reports, and how it ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def test_it_tells_how_late_the_frames_were(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_reports_how_late_the_frames_were(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(log), *BUS]) == 0
     out = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"frames sent 50, in 0\.\d{3} s", out[0])
@@ -33,7 +33,7 @@ def test_it_tells_how_late_the_frames_were(log: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr() == ("", "")
 
 
-def test_json_has_the_distribution_and_where_it_is_from(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_has_lateness_percentiles_and_the_source(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = ["replay", str(log), *BUS, "--json", "--only", "0x100", "--from", "0.01", "--end", "0.05"]
     assert main([*line, "--times", "2", "--speed", "4"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -56,7 +56,7 @@ def test_json_has_the_distribution_and_where_it_is_from(log: Path, capsys: pytes
         (["--loop", "--to", "0"], "all frames have the same time"),
     ],
 )
-def test_what_cannot_be_is_one_line(
+def test_wrong_arguments_are_refused_in_one_line(
     log: Path, more: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["replay", str(log), *BUS, *more]) == 2
@@ -65,7 +65,7 @@ def test_what_cannot_be_is_one_line(
     assert len(told.splitlines()) == 1
 
 
-def test_a_bus_that_cannot_be_opened_ends_it(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bus_that_cannot_be_opened_is_reported(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(log), "--bus", "socketcan:nowhere0"]) == 1
     assert "socketcan:nowhere0: cannot be opened" in capsys.readouterr().err
 
@@ -74,7 +74,7 @@ def test_a_bus_that_cannot_be_opened_ends_it(log: Path, capsys: pytest.CaptureFi
     ("more", "number", "code"),
     [([], signal.SIGINT, 130), ([], signal.SIGTERM, 143), (["--loop"], signal.SIGINT, 0)],
 )
-def test_stopped_before_its_end_it_says_how_far_it_came(
+def test_a_stopped_replay_reports_the_frames_sent_so_far(
     log: Path, capsys: pytest.CaptureFixture[str], more: list[str], number: int, code: int
 ) -> None:
     log.write_text(LINES + "(3600.0) can0 100#00\n")

@@ -1,4 +1,4 @@
-"""`rig check`: the table of what is mapped, all that is wrong with it, and an exit code."""
+"""`rig check`: the table of mapped signals, all issues of a rig, and the exit code."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
 RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\n'
 
 
-def test_the_shipped_rig_is_fine_and_shows_all_it_maps(capsys: pytest.CaptureFixture[str]):
+def test_the_shipped_rig_is_valid_and_all_its_mapped_signals_are_listed(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "check", "liftgate"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
@@ -40,7 +40,7 @@ def test_the_shipped_rig_is_fine_and_shows_all_it_maps(capsys: pytest.CaptureFix
     assert said.out.splitlines()[-1].endswith("liftgate.toml: fits suv at 1000 Hz")
 
 
-def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.CaptureFixture[str]):
+def test_a_foreign_rig_is_listed_with_units_conversions_and_ranges(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "check", str(FOREIGN), "--vehicle", "compact", "--rate", "2000"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert (
@@ -51,7 +51,7 @@ def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.Capture
     assert lines[-1].endswith("fits compact at 2000 Hz")
 
 
-def test_a_rig_without_requests_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_rig_without_requests_gives_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE, RIG + 'gate_angle = "Fine.Angle"\n')
     main(["rig", "check", str(path)])
     note = "driver buttons cannot reach an ECU on the bus: [requests] maps them, see docs/rig.md"
@@ -60,7 +60,7 @@ def test_a_rig_without_requests_is_noted(tmp_path: Path, capsys: pytest.CaptureF
     assert "[requests]" not in capsys.readouterr().out
 
 
-def test_issues_come_with_the_table_of_what_could_be_made_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_issues_are_printed_beside_the_table_of_valid_signals(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)
     assert main(["rig", "check", str(path)]) == 2
@@ -74,7 +74,7 @@ def test_issues_come_with_the_table_of_what_could_be_made_out(tmp_path: Path, ca
     assert "outputs in Out: identifier 0x7E0; allowed: none that cars use for diag" in faults[1]
 
 
-def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
+def test_signals_that_do_not_fit_the_vehicle_or_the_rate_are_issues(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     wires = 'left_current = "Fine.Current"\n[messages.Fine]\ncycle_ms = 2\n'
@@ -86,14 +86,14 @@ def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
     assert "messages.Fine.cycle_ms: 2; allowed: 5 or more, a tick at --rate 200 Hz" in faults[1]
 
 
-def test_notes_are_reported_and_no_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_note_does_not_change_the_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'gate_angle = { signal = "Fine.Angle", scale = 1000 }\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)
     assert main(["rig", "check", str(path), "--rate", "1500"]) == 0
     assert "note: " in capsys.readouterr().out
 
 
-def test_json_holds_the_table_and_the_issues(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_json_has_the_table_and_the_issues(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
     path = write_rig(tmp_path, DATABASE, RIG + wires)
     assert main(["rig", "check", str(path), "--json"]) == 2
@@ -115,7 +115,7 @@ def test_json_holds_the_table_and_the_issues(tmp_path: Path, capsys: pytest.Capt
         (["rig", "draft", "their.toml"], "allowed: a file of .dbc, .arxml, .kcd, .sym"),
     ],
 )
-def test_what_cannot_be_read_is_reported_with_exit_2(
+def test_an_unreadable_file_is_reported_with_exit_code_2(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -128,7 +128,7 @@ def test_what_cannot_be_read_is_reported_with_exit_2(
     assert said in capsys.readouterr().err
 
 
-def test_labels_of_a_database_cannot_speak_to_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_control_characters_of_a_database_are_not_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE.replace('"rad"', '"\x1b[2Jrad"'), RIG)
     main(["rig", "draft", str(path.with_name("their.dbc"))])
     main(["rig", "check", str(path)])
@@ -137,13 +137,13 @@ def test_labels_of_a_database_cannot_speak_to_the_terminal(tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize("database", ["", ".", "/"])
-def test_a_folder_without_a_name_is_no_database_to_draft_from(database: str, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_instead_of_a_database_is_refused(database: str, capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "draft", database]) == 2
     assert "is a folder; allowed: a file" in capsys.readouterr().err
 
 
-def test_no_fault_hides_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """Of a name, a unit, the layout, the vehicle and the rate: none of them needs the others."""
+def test_independent_issues_are_all_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Issues of a name, a unit, the layout, the vehicle and the rate are independent."""
     content = f"""{RIG}left_current = "Fine.Nothing"
 true_gate_rate = {{ signal = "Fine.Angle", unit = "kg" }}
 gate_angle = {{ signal = "Out.Volt", scale = 0.0001 }}
@@ -181,7 +181,7 @@ checksum = "Duty"
         ('0|16@1- (0.01,0) [-100|100] "%"', 0, ""),
     ],
 )
-def test_a_duty_that_reaches_little_is_noted_if_its_unit_is_known(
+def test_a_duty_of_at_most_1_percent_is_noted_as_a_likely_wrong_unit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], signal: str, note: int, issue: str
 ):
     database = DATABASE.replace('0|16@1- (0.01,0) [-100|100] "%"', signal)
@@ -192,7 +192,7 @@ def test_a_duty_that_reaches_little_is_noted_if_its_unit_is_known(
     assert issue in said.err
 
 
-def test_signals_of_pages_that_are_not_sent_are_not_said_to_be_sent(
+def test_only_signals_on_multiplexer_pages_that_are_sent_are_listed_as_sent(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     database = DATABASE.replace(

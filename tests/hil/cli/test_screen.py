@@ -1,4 +1,4 @@
-"""Pictures at the bottom of a terminal, and what is printed above them."""
+"""Live pictures at the bottom of a terminal, and messages printed above them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_picture_stays_at_the_bottom_and_messages_scroll_above_it(monkeypatch)
         assert terminal.lines()[-2:] == ["message 19", "after"]
 
 
-def test_a_shorter_picture_leaves_nothing_of_a_longer_one(monkeypatch):
+def test_a_shorter_picture_erases_a_longer_one_completely(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         screen = Screen()
         screen.show(screen, two)
@@ -40,7 +40,7 @@ def test_a_shorter_picture_leaves_nothing_of_a_longer_one(monkeypatch):
         assert terminal.lines() == ["", "one"]
 
 
-def test_the_picture_that_was_shown_last_is_seen_until_it_is_taken_away(monkeypatch):
+def test_the_latest_picture_is_shown_until_it_is_removed(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         screen = Screen()
         screen.show("outer", lambda width: "outer")
@@ -54,7 +54,7 @@ def test_the_picture_that_was_shown_last_is_seen_until_it_is_taken_away(monkeypa
 
 
 @pytest.mark.parametrize("others", [b"^C", b"http://127.0.0.1:8765/\r\n"])
-def test_what_others_write_does_not_mix_with_the_picture(monkeypatch, others):
+def test_output_of_other_programs_does_not_mix_with_the_picture(monkeypatch, others):
     with as_stderr(monkeypatch) as terminal:
         screen = Screen()
         screen.say("before")
@@ -77,7 +77,7 @@ def test_results_are_printed_above_the_picture(monkeypatch):
 
 
 @pytest.mark.parametrize("columns", [2, 5, 10, 11, 40])
-def test_a_line_is_never_wrapped(monkeypatch, columns):
+def test_a_line_is_cut_at_the_width_and_never_wrapped(monkeypatch, columns):
     with as_stderr(monkeypatch, columns=columns) as terminal:
         screen = Screen()
         for _ in range(2):
@@ -97,7 +97,7 @@ def test_a_picture_higher_than_the_terminal_is_cut(monkeypatch):
         assert terminal.lines() == ["message 2", "", "a", "b"]
 
 
-def test_it_follows_a_resized_terminal(monkeypatch):
+def test_the_picture_follows_a_resized_terminal(monkeypatch):
     with as_stderr(monkeypatch, columns=80) as terminal:
         screen = Screen()
         screen.show(screen, lambda width: f"{width} columns")
@@ -106,7 +106,7 @@ def test_it_follows_a_resized_terminal(monkeypatch):
         assert terminal.lines() == ["smaller", "", "59 columns"]
 
 
-def test_a_terminal_that_goes_away_ends_nothing(monkeypatch):
+def test_a_terminal_that_is_closed_raises_no_error(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         screen = Screen()
         screen.show(screen, two)
@@ -129,7 +129,7 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_plain_lines(monkeypatch, te
         assert terminal.raw() == "a message\r\n"
 
 
-def test_no_color_is_obeyed(monkeypatch):
+def test_the_variable_no_color_switches_colours_off(monkeypatch):
     def coloured(width):
         from rich.text import Text
 
@@ -144,8 +144,8 @@ def test_no_color_is_obeyed(monkeypatch):
             assert bool(COLOUR.search(terminal.raw())) == is_coloured
 
 
-def test_what_another_process_has_drawn_is_erased(monkeypatch):
-    """A worker that has crashed takes nothing away."""
+def test_the_picture_of_a_crashed_worker_process_is_erased(monkeypatch):
+    """A worker that has crashed cannot erase its own picture."""
     with as_stderr(monkeypatch) as terminal:
         screen, of_worker = Screen(), Screen()
         screen.lend()
@@ -169,7 +169,7 @@ def test_without_a_terminal_messages_are_plain_lines(monkeypatch, capsys):
     assert capsys.readouterr().err == "a message\n"
 
 
-def test_a_terminal_without_unicode_gets_other_bars(monkeypatch):
+def test_a_terminal_without_unicode_gets_ascii_bars(monkeypatch):
     from rich.progress_bar import ProgressBar
 
     with as_stderr(monkeypatch, columns=12) as terminal:

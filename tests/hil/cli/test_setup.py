@@ -1,4 +1,4 @@
-"""Which vehicle, rig, seed and start: the flags say it, else the scenario, on every command alike."""
+"""Vehicle, rig, seed and initial state of a run: flags override the scenario, on every command alike."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def scenario_file(folder: Path, text: str) -> Path:
 
 
 def saying() -> str:
-    """A scenario that says everything."""
+    """Return a scenario that states vehicle, rig, seed, initial state and settings."""
     initial, seed = float(SAID["initial"]), int(SAID["seed"])
     lines = [f'vehicle = "{SAID["vehicle"]}"', f'rig = "{SAID["rig"]}"', f"seed = {seed}"]
     settings = [f'"{key}" = {value}' for key, value in SETTINGS.items()]
@@ -44,7 +44,7 @@ def flags(command: str, values: dict[str, str], settings: dict[str, str]) -> lis
 
 
 def rows_of(command: str, folder: Path, scenario: Path, more: list[str]) -> str:
-    """What a command writes."""
+    """Return the table that a command writes."""
     output = folder / "rows.csv"
     line = [*COMMANDS[command], str(output), "--scenario", str(scenario), "--duration", "0.3"]
     assert main([*line, *more]) == 0
@@ -52,7 +52,7 @@ def rows_of(command: str, folder: Path, scenario: Path, more: list[str]) -> str:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_what_a_scenario_says_is_as_if_flags_said_it(command: str, tmp_path: Path) -> None:
+def test_the_setup_of_a_scenario_has_the_same_effect_as_flags(command: str, tmp_path: Path) -> None:
     by_flags = rows_of(command, tmp_path, scenario_file(tmp_path, ""), flags(command, SAID, SETTINGS))
     assert "right_current_a" not in by_flags.splitlines()[0]
     by_itself = rows_of(command, tmp_path, scenario_file(tmp_path, saying()), [])
@@ -63,7 +63,7 @@ def test_what_a_scenario_says_is_as_if_flags_said_it(command: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_flags_win_over_what_a_scenario_says(command: str, tmp_path: Path) -> None:
+def test_flags_override_the_setup_of_a_scenario(command: str, tmp_path: Path) -> None:
     warm = {**SETTINGS, "environment.ambient_temperature_degc": "30"}
     by_flags = rows_of(command, tmp_path, scenario_file(tmp_path, ""), flags(command, OTHERS, warm))
     against = flags(command, OTHERS, {"environment.ambient_temperature_degc": "30"})
@@ -71,7 +71,7 @@ def test_flags_win_over_what_a_scenario_says(command: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("command", ["run", "demo"])
-def test_the_rig_of_a_scenario_makes_the_frames(command: str, tmp_path: Path) -> None:
+def test_frames_follow_the_rig_of_the_scenario(command: str, tmp_path: Path) -> None:
     log = tmp_path / "frames.log"
     line = [*COMMANDS[command], str(log), "--duration", "0.1", "--scenario"]
     assert main([*line, str(scenario_file(tmp_path, saying()))]) == 0
@@ -83,7 +83,7 @@ def test_the_rig_of_a_scenario_makes_the_frames(command: str, tmp_path: Path) ->
     assert not foreign & ours
 
 
-def test_a_class_in_the_working_directory_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_ecu_class_in_the_working_directory_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ecu = "class Ecu:\n    def step(self, now_s, frames):\n        return []\n"
     (tmp_path / "silent_ecu.py").write_text(ecu)
     (tmp_path / "numpy.py").write_text("raise SystemExit('code of the working directory was run')\n")

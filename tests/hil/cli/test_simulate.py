@@ -1,4 +1,4 @@
-"""`liftgate-hil simulate`: files in, files out."""
+"""`liftgate-hil simulate`: input files, columns and edges written, and refusals."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def simulate(tmp_path: Path, *arguments: str) -> dict[str, np.ndarray]:
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
-def test_the_reference_table_comes_out_to_the_digits_shown(tmp_path: Path) -> None:
+def test_the_published_reference_table_is_reproduced_to_its_digits(tmp_path: Path) -> None:
     columns = simulate(tmp_path, "--vehicle", "suv", "--voltage", "12", "--duration", "6")
     assert len(columns["time_s"]) == 6001
     for time, current, speed, angle in TABLE:
@@ -51,7 +51,7 @@ def test_the_reference_table_comes_out_to_the_digits_shown(tmp_path: Path) -> No
         assert columns["right_current_a"][row] == columns["left_current_a"][row]
 
 
-def test_columns_are_those_of_the_contract(tmp_path: Path) -> None:
+def test_output_columns_are_those_of_the_documentation(tmp_path: Path) -> None:
     columns = simulate(tmp_path, "--voltage", "12", "--duration", "0.01")
     sides = [
         f"{side}_{name}"
@@ -81,14 +81,14 @@ def test_the_first_row_is_the_initial_state(tmp_path: Path) -> None:
     assert columns["left_voltage_v"][0] == 12.0
 
 
-def test_every_thins_out_without_changing_the_rows(tmp_path: Path) -> None:
+def test_every_decimates_the_rows_without_changing_their_values(tmp_path: Path) -> None:
     fine = simulate(tmp_path, "--voltage", "12", "--duration", "0.5")
     coarse = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "7")
     for name, values in coarse.items():
         assert np.array_equal(values, fine[name][::7])
 
 
-def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_do_not_depend_on_the_block_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "3")
     monkeypatch.setattr("liftgate_hil.loop.simulation._BLOCK", 37)
     pieces = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "3")
@@ -96,7 +96,7 @@ def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert np.array_equal(values, whole[name])
 
 
-def test_a_sample_holds_from_its_time_until_the_next(tmp_path: Path) -> None:
+def test_an_input_sample_is_held_until_the_next_one(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,voltage_v,supply_voltage_v\n0,0,12\n0.003,6,11\n0.0055,-3,10\n")
     columns = simulate(tmp_path, "--input", str(source), "--duration", "0.008")
@@ -104,7 +104,7 @@ def test_a_sample_holds_from_its_time_until_the_next(tmp_path: Path) -> None:
     assert columns["terminal_voltage_v"].tolist() == [12, 12, 12, 11, 11, 11, 10, 10, 10]
 
 
-def test_duty_takes_its_voltage_from_the_supply(tmp_path: Path) -> None:
+def test_a_duty_is_converted_to_a_voltage_of_the_supply(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,left_duty,right_duty\n0,0.5,-0.25\n")
     columns = simulate(tmp_path, "--input", str(source), "--duration", "0.01", "--ideal")
@@ -112,7 +112,7 @@ def test_duty_takes_its_voltage_from_the_supply(tmp_path: Path) -> None:
     assert columns["right_voltage_v"][-1] == -3.0
 
 
-def test_a_drive_coasts_where_the_file_says_so(tmp_path: Path) -> None:
+def test_a_drive_coasts_where_the_input_file_says_so(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,left_duty,right_duty,left_coast\n0,1,1,0\n0.5,0,0,1\n")
     columns = simulate(tmp_path, "--input", str(source), "--duration", "0.6")
@@ -121,7 +121,7 @@ def test_a_drive_coasts_where_the_file_says_so(tmp_path: Path) -> None:
     assert np.all(columns["right_current_a"][late] < -1.0)  # shorted: it brakes
 
 
-def test_the_output_drives_the_same_motion_again(tmp_path: Path) -> None:
+def test_an_output_file_used_as_input_gives_the_same_motion(tmp_path: Path) -> None:
     first = simulate(tmp_path, "--voltage", "10", "--duration", "0.3")
     copy = tmp_path / "again.csv"
     (tmp_path / "out.csv").rename(copy)
@@ -141,7 +141,7 @@ def test_slope_and_settings_reach_the_plant(tmp_path: Path) -> None:
     assert np.allclose(steep["gate_angle_deg"], column["gate_angle_deg"], rtol=0, atol=1e-12)
 
 
-def test_mf4_holds_the_same_numbers_both_ways(tmp_path: Path) -> None:
+def test_mf4_input_and_output_have_the_same_numbers_as_csv(tmp_path: Path) -> None:
     asammdf = pytest.importorskip("asammdf")
     target = tmp_path / "out.mf4"
     arguments = ["simulate", "--voltage", "12", "--duration", "0.2", "--output", str(target)]
@@ -155,7 +155,7 @@ def test_mf4_holds_the_same_numbers_both_ways(tmp_path: Path) -> None:
     assert np.array_equal(again["left_current_a"], table["left_current_a"])
 
 
-def test_columns_that_are_missing_are_told_with_the_files_own_and_its_rows_are_not(
+def test_missing_columns_are_reported_with_the_columns_of_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = tmp_path / "in.csv"
@@ -188,7 +188,7 @@ def test_columns_that_are_missing_are_told_with_the_files_own_and_its_rows_are_n
         ("", "empty"),
     ],
 )
-def test_a_bad_input_file_is_refused_with_what_is_allowed(
+def test_an_invalid_input_file_is_refused_with_what_is_allowed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
 ) -> None:
     source = tmp_path / "in.csv"
@@ -211,7 +211,7 @@ def test_a_bad_input_file_is_refused_with_what_is_allowed(
         ["--voltage", "12", "--duration", "1", "--map", "voltage_v=U"],
     ],
 )
-def test_bad_flags_are_refused(
+def test_wrong_flags_are_refused_and_write_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -221,14 +221,14 @@ def test_bad_flags_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_csv_has_full_double_precision(tmp_path: Path) -> None:
+def test_csv_output_has_full_double_precision(tmp_path: Path) -> None:
     columns = simulate(tmp_path, "--voltage", "12", "--duration", "0.1")
     text = (tmp_path / "out.csv").read_text().splitlines()[-1].split(",")[2]
     assert repr(float(columns["left_current_a"][-1])) == text
     assert math.isfinite(float(text))
 
 
-def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_simulation_and_keeps_the_rows_so_far(tmp_path: Path) -> None:
     target = tmp_path / "long.csv"
     command = [
         sys.executable, "-m", "liftgate_hil", "simulate", "--voltage", "12", "--duration", "1e6",
@@ -252,7 +252,7 @@ def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("is_stopped", [True, False])
 @pytest.mark.parametrize("suffix", [".mf4", ".parquet"])
-def test_a_file_of_what_was_stopped_says_that_it_is_incomplete(
+def test_the_file_of_a_stopped_simulation_says_that_it_is_incomplete(
     tmp_path: Path, suffix: str, is_stopped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stopped after the first block, of 2000 steps."""
@@ -280,7 +280,7 @@ def test_a_file_of_what_was_stopped_says_that_it_is_incomplete(
         [0.0, 1e300, 1.7e308],
     ],
 )
-def test_an_input_that_would_run_for_hours_wants_a_duration(
+def test_an_input_with_a_gap_of_hours_needs_a_duration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], times: list[float]
 ) -> None:
     source = tmp_path / "in.csv"
@@ -292,7 +292,7 @@ def test_an_input_that_would_run_for_hours_wants_a_duration(
     assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
 
 
-def test_motors_that_nothing_drives_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_motors_without_input_are_reported_as_braked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(tmp_path, "--duration", "0.01")
     assert "no --voltage and no --input: 0 V, which brakes the motors" in capsys.readouterr().err
     source = tmp_path / "in.csv"
@@ -306,13 +306,13 @@ def test_motors_that_nothing_drives_are_reported(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().err.splitlines() == [aside, aside]
 
 
-def test_an_input_of_no_length_is_one_row(tmp_path: Path) -> None:
+def test_an_input_of_zero_length_gives_one_row(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,voltage_v\n0,1\n5e-324,2\n")
     assert len(simulate(tmp_path, "--input", str(source))["time_s"]) == 1
 
 
-def test_an_input_in_seconds_since_1970_lasts_as_long_as_it_does(
+def test_an_input_with_timestamps_since_1970_begins_at_time_0(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = tmp_path / "in.csv"
@@ -322,7 +322,7 @@ def test_an_input_in_seconds_since_1970_lasts_as_long_as_it_does(
 
 
 @pytest.mark.parametrize("every", ["1", "100000"])
-def test_a_plant_that_diverges_is_reported_whichever_rows_are_written(
+def test_a_diverging_plant_is_reported_whichever_rows_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], every: str
 ) -> None:
     target = tmp_path / "out.csv"
@@ -335,7 +335,7 @@ def test_a_plant_that_diverges_is_reported_whichever_rows_are_written(
     assert np.all(np.abs(rows) < 1e9)
 
 
-def test_a_demos_recording_drives_the_same_motion(tmp_path: Path) -> None:
+def test_a_recording_of_the_demo_as_input_gives_the_same_motion(tmp_path: Path) -> None:
     recording = tmp_path / "demo.csv"
     arguments = ["demo", "--clock", "free", "--duration", "3", "--output", str(tmp_path)]
     assert main([*arguments, "--quiet"]) == 0
@@ -353,7 +353,7 @@ def edges_of(tmp_path: Path, *arguments: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_an_input_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_input_file_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     measured = tmp_path / "measured.csv"
     measured.write_text("time_s,voltage_v\n0,12\n1,12\n")
     before = measured.read_bytes()
@@ -362,14 +362,14 @@ def test_an_input_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixt
     assert measured.read_bytes() == before
 
 
-def test_the_quickest_low_pass_is_none(tmp_path: Path) -> None:
+def test_a_current_filter_with_a_time_constant_near_0_has_no_effect(tmp_path: Path) -> None:
     arguments = ["--voltage", "12", "--duration", "0.05", "--step", "0.005"]
     quick = simulate(tmp_path, *arguments, "--set", "sensors.current_filter=1e-320")
     plain = simulate(tmp_path, *arguments)
     assert np.array_equal(quick["sensed_left_current_a"], plain["sensed_left_current_a"])
 
 
-def test_edges_stand_in_the_order_of_time(tmp_path: Path) -> None:
+def test_edges_are_in_the_order_of_their_times(tmp_path: Path) -> None:
     unlike = ["--set", "right.motor.resistance=1.1", "--step", "0.002"]
     edges = edges_of(tmp_path, "--voltage", "12", "--duration", "0.5", *unlike)
     times = [float(edge["time_s"]) for edge in edges]
@@ -388,7 +388,7 @@ def test_edges_stand_in_the_order_of_time(tmp_path: Path) -> None:
         ["--voltage", "12", "--duration", "1", "--output", "{edges}"],
     ],
 )
-def test_a_refused_command_leaves_the_edges_file_as_it_was(tmp_path: Path, refused: list[str]) -> None:
+def test_a_refused_command_leaves_the_edges_file_unchanged(tmp_path: Path, refused: list[str]) -> None:
     edges = tmp_path / "edges.csv"
     edges.write_text("time_s,voltage_v\n0,12\n1,12\n")
     before = edges.read_bytes()
@@ -399,7 +399,7 @@ def test_a_refused_command_leaves_the_edges_file_as_it_was(tmp_path: Path, refus
     assert edges.read_bytes() == before
 
 
-def test_edges_are_written_with_their_times_and_agree_with_the_columns(tmp_path: Path) -> None:
+def test_hall_edges_in_the_file_agree_with_the_count_columns(tmp_path: Path) -> None:
     arguments = ["--voltage", "12", "--duration", "1"]
     edges = edges_of(tmp_path, *arguments)
     assert list(edges[0]) == ["time_s", "drive", "channel", "level"]
@@ -425,8 +425,8 @@ def test_edges_are_written_with_their_times_and_agree_with_the_columns(tmp_path:
     assert len(edges_of(tmp_path, *fast)) == 2 * columns["sensed_left_edge_count"][-1] > 100_000
 
 
-def test_edges_are_nearly_the_same_at_1_and_at_10_khz(tmp_path: Path) -> None:
-    """The error of the solver at 1 ms is left: measured 0.96 us at most."""
+def test_edge_times_at_1_khz_and_10_khz_differ_by_less_than_2_microseconds(tmp_path: Path) -> None:
+    """What remains is the error of the solver at 1 ms, measured as 0.96 us at most."""
     coarse, fine = (
         np.array(
             [
@@ -442,7 +442,7 @@ def test_edges_are_nearly_the_same_at_1_and_at_10_khz(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["no/edges.csv", "edges.parquet", "edges"])
-def test_a_file_that_cannot_take_edges_is_refused(
+def test_an_invalid_file_for_edges_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     target = str(tmp_path / name)

@@ -1,4 +1,4 @@
-"""What signals mean to a command, without any time going by."""
+"""Effects of SIGINT and SIGTERM on a command, on a simulated clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
 
 
 class Clock:
-    """A monotonic clock, and what was asked of the kernel."""
+    """A monotonic clock, and the timers that were requested of the kernel."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
@@ -42,7 +42,7 @@ def send(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_within_a_second_are_one_and_a_later_one_ends_the_process(
+def test_signals_within_a_second_count_once_and_a_later_one_ends_the_process(
     clock: Clock, number: int, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stopped = StopSignals()
@@ -60,7 +60,7 @@ def test_signals_within_a_second_are_one_and_a_later_one_ends_the_process(
     assert "ended at once" in capfd.readouterr().err
 
 
-def test_a_call_that_lasts_is_given_up_again_and_again(clock: Clock) -> None:
+def test_a_long_foreign_call_is_interrupted_repeatedly(clock: Clock) -> None:
     StopSignals()
     with FOREIGN:
         send(signal.SIGTERM)
@@ -71,7 +71,7 @@ def test_a_call_that_lasts_is_given_up_again_and_again(clock: Clock) -> None:
     assert clock.timers == [(1.0, 0.2), (0.0,)]
 
 
-def test_calls_that_come_back_are_left_alone(clock: Clock) -> None:
+def test_foreign_calls_that_return_are_not_interrupted(clock: Clock) -> None:
     StopSignals()
     send(signal.SIGINT)
     for _ in range(5):
@@ -83,7 +83,7 @@ def test_calls_that_come_back_are_left_alone(clock: Clock) -> None:
             send(signal.SIGALRM)
 
 
-def test_what_fails_after_a_stop_has_its_exit_code(clock: Clock) -> None:
+def test_a_failure_after_a_stop_has_the_stops_exit_code(clock: Clock) -> None:
     stopped = StopSignals()
     assert type(stopped.failure("x")) is LiftgateError
     send(signal.SIGTERM)
@@ -92,7 +92,7 @@ def test_what_fails_after_a_stop_has_its_exit_code(clock: Clock) -> None:
     assert (str(failure), failure.exit_code) == ("x", 143)
 
 
-def test_an_interrupt_is_raised_but_not_out_of_an_import(clock: Clock) -> None:
+def test_an_interrupt_is_raised_except_inside_an_import(clock: Clock) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGINT, None)
     assert clock.ends == []

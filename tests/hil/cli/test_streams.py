@@ -1,4 +1,4 @@
-"""stdout that is closed, full, gone, or of an encoding without our letters: a message and an exit code at most."""
+"""stdout that is closed, full, a broken pipe, or of a limited encoding: at most a message and an exit code."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def shell(folder: Path, name: str, redirected: str) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_full_disk_behind_stdout_is_one_message(name: str, tmp_path: Path) -> None:
+def test_a_full_disk_behind_stdout_is_reported_in_one_line(name: str, tmp_path: Path) -> None:
     code, _, said = shell(tmp_path, name, ">/dev/full")
     assert code == 1
     assert said.splitlines()[-1] == "liftgate-hil: stdout: No space left on device"
 
 
 @pytest.mark.parametrize("name", ["version", "run"])
-def test_a_full_disk_behind_stdout_and_stderr_is_an_exit_code(name: str, tmp_path: Path) -> None:
+def test_a_full_disk_behind_stdout_and_stderr_gives_an_exit_code(name: str, tmp_path: Path) -> None:
     """Output of argparse, and output of a command."""
     assert shell(tmp_path, name, ">/dev/full 2>/dev/full")[0] in (1, 2)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_closed_stdout_is_no_error_but_where_it_is_the_result(name: str, tmp_path: Path) -> None:
+def test_a_closed_stdout_is_an_error_only_where_results_go_there(name: str, tmp_path: Path) -> None:
     code, _, said = shell(tmp_path, name, ">&-")
     if name == "simulate":
         assert code == 2
@@ -59,19 +59,19 @@ def test_a_closed_stdout_is_no_error_but_where_it_is_the_result(name: str, tmp_p
         assert code == 0
 
 
-def test_a_closed_stderr_leaves_the_exit_code(tmp_path: Path) -> None:
+def test_a_closed_stderr_does_not_change_the_exit_code(tmp_path: Path) -> None:
     assert shell(tmp_path, "wrong", "2>&-")[0] == 2
     assert shell(tmp_path, "run", "2>&-")[0] == 0
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_reader_that_goes_is_nobody_to_tell(name: str, tmp_path: Path) -> None:
+def test_a_broken_pipe_is_not_reported(name: str, tmp_path: Path) -> None:
     _, _, said = shell(tmp_path, name, "| true; exit ${PIPESTATUS[0]}")
     assert "liftgate-hil: " not in said
 
 
 @pytest.mark.parametrize("setting", ["PYTHONIOENCODING=ascii", "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0"])
-def test_letters_that_an_encoding_lacks_are_escaped(setting: str, tmp_path: Path) -> None:
+def test_characters_that_the_encoding_lacks_are_escaped(setting: str, tmp_path: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", f'{setting} "$@"', "bash", *COMMAND, "demo", "--duration", "0.1", "--no-record"],
         cwd=tmp_path, capture_output=True, timeout=300, check=False,
@@ -82,9 +82,7 @@ def test_letters_that_an_encoding_lacks_are_escaped(setting: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("where", ["_command", "Parser"])
-def test_an_interrupt_before_there_is_anything_to_end_is_an_exit_code(
-    where: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_before_a_command_starts_gives_an_exit_code(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""How far a suite has come: seen on a terminal, and nowhere else."""
+"""Progress of a suite of scenarios: shown on a terminal only."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ FAILS = PASSES.replace("< 1", "> 1")
 
 
 def suite(*flags: str) -> int:
-    """Run a suite of three."""
+    """Run a suite of three scenarios."""
     for name, content in (("a", PASSES), ("b", FAILS), ("c", PASSES)):
         Path(f"{name}.toml").write_text(content)
     return main(["test", "a.toml", "b.toml", "c.toml", "--jobs", "1", *flags])
 
 
-def test_a_terminal_sees_how_far_the_suite_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_terminal_shows_the_progress_of_the_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     at_once(monkeypatch)
     with as_stderr(monkeypatch) as terminal:
@@ -45,7 +45,7 @@ def test_a_terminal_sees_how_far_the_suite_is(monkeypatch: pytest.MonkeyPatch, t
         assert terminal.lines() == []  # nothing is left of it
 
 
-def test_what_ends_soon_is_not_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_short_suite_shows_no_progress(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("liftgate_hil.cli.terminal.progress.AFTER_S", 1e9)
     with as_stderr(monkeypatch) as terminal:
@@ -54,7 +54,7 @@ def test_what_ends_soon_is_not_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 
 @pytest.mark.parametrize("flags", [(), ("--quiet",), ("--json", "-")])
-def test_a_pipe_sees_nothing_of_it(
+def test_no_progress_is_written_to_a_pipe(
     flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -67,7 +67,7 @@ def test_a_pipe_sees_nothing_of_it(
 
 
 @pytest.mark.parametrize("flags", [("--quiet",), ("--json", "-")])
-def test_who_wants_quiet_or_json_sees_nothing(
+def test_quiet_and_json_suppress_the_progress(
     flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -77,7 +77,7 @@ def test_who_wants_quiet_or_json_sees_nothing(
         assert terminal.raw() == ""
 
 
-def test_what_begins_while_something_is_printed_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_waits_while_results_are_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once(monkeypatch)
     with as_stderr(monkeypatch) as terminal:
         teller = Teller(is_quiet=False)
@@ -94,7 +94,7 @@ def test_what_begins_while_something_is_printed_waits(monkeypatch: pytest.Monkey
         assert terminal.lines()[-1].endswith("2 running: a.toml, a.toml")
 
 
-def test_who_waits_for_machine_code_is_reported() -> None:
+def test_compilation_is_reported_even_when_quiet() -> None:
     said: list[str] = []
 
     class Hears(Teller):
@@ -109,7 +109,7 @@ def test_who_waits_for_machine_code_is_reported() -> None:
     assert said == ["compiling the loop"]
 
 
-def test_the_line_counts_what_does_not_pass_and_names_what_runs() -> None:
+def test_the_progress_line_counts_verdicts_other_than_pass_and_names_running_scenarios() -> None:
     rig, vehicle = lh.load_rig("liftgate"), lh.load_vehicle("suv")
     heard = SuiteTeller(Teller(is_quiet=True), StopSignals(), is_quiet=True, is_silent=True)
 

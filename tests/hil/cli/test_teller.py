@@ -1,4 +1,4 @@
-"""What is told on stderr while something runs."""
+"""Messages on stderr while a command runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Clock:
         return self.now
 
 
-def test_the_panel_stays_below_what_is_said(monkeypatch: pytest.MonkeyPatch):
+def test_the_panel_stays_below_the_messages(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         teller = Teller(is_quiet=False, how="1000 Hz")
         teller.starts("suv on can0")
@@ -52,7 +52,7 @@ def test_the_panel_is_drawn_a_few_times_a_second(monkeypatch: pytest.MonkeyPatch
         assert [picture[1].split()[1] for picture in terminal.pictures()] == ["0.0", "2.0", "4.0", "6.0", "8.0"]
 
 
-def test_a_run_that_waits_for_nobody_is_shown_if_it_takes_long(monkeypatch: pytest.MonkeyPatch):
+def test_a_run_on_the_free_clock_gets_a_panel_only_after_two_seconds(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         teller = Teller(is_quiet=False, view=PanelView(after_s=2.0), clock=clock)
@@ -64,7 +64,7 @@ def test_a_run_that_waits_for_nobody_is_shown_if_it_takes_long(monkeypatch: pyte
         assert len(terminal.lines()) == 6
 
 
-def test_compiling_shows_how_long_it_has_taken(monkeypatch: pytest.MonkeyPatch):
+def test_compilation_shows_its_elapsed_time(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         teller = Teller(is_quiet=False, clock=clock)
@@ -87,7 +87,7 @@ def test_compiling_shows_how_long_it_has_taken(monkeypatch: pytest.MonkeyPatch):
         assert terminal.lines() == []
 
 
-def test_where_there_is_no_terminal_each_thing_is_reported_once(capsys: pytest.CaptureFixture[str]):
+def test_without_a_terminal_each_message_is_printed_once(capsys: pytest.CaptureFixture[str]):
     teller = Teller(is_quiet=False, how="1000 Hz")
     teller.starts("suv on can0")
     for seconds in (0.0, 0.1, 9.0):
@@ -104,9 +104,7 @@ def test_where_there_is_no_terminal_each_thing_is_reported_once(capsys: pytest.C
 
 
 @pytest.mark.parametrize("is_json", [False, True])
-def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_reported(
-    is_json: bool, monkeypatch: pytest.MonkeyPatch
-):
+def test_quiet_prints_nothing_and_json_only_problems(is_json: bool, monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         teller = Teller(is_quiet=not is_json, is_json=is_json, clock=clock)
@@ -121,7 +119,7 @@ def test_quiet_is_quiet_and_beside_json_only_what_goes_wrong_is_reported(
         assert terminal.raw() == ("the link is down\r\n" if is_json else "")
 
 
-def test_nobody_has_to_listen(monkeypatch: pytest.MonkeyPatch):
+def test_a_closed_stderr_raises_no_error(monkeypatch: pytest.MonkeyPatch):
     class Broken(io.StringIO):
         def isatty(self) -> bool:
             return True
@@ -138,7 +136,7 @@ def test_nobody_has_to_listen(monkeypatch: pytest.MonkeyPatch):
         teller.clear()
 
 
-def test_it_goes_to_a_worker_without_its_panel(monkeypatch: pytest.MonkeyPatch):
+def test_a_teller_sent_to_a_worker_process_draws_the_panel_there(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         teller = Teller(is_quiet=False, view=PanelView(drives=1))
         there = pickle.loads(pickle.dumps(teller))
@@ -149,8 +147,10 @@ def test_it_goes_to_a_worker_without_its_panel(monkeypatch: pytest.MonkeyPatch):
         assert terminal.lines() == ["the worker has crashed"]
 
 
-def test_a_line_is_one_write_so_that_another_process_cannot_write_into_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An unbuffered stream (PYTHONUNBUFFERED) passes each write on: a page's address got another line into it."""
+def test_a_line_is_written_in_one_call_so_that_other_output_cannot_split_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An unbuffered stream (PYTHONUNBUFFERED) passes each write on: another line got into a page's address."""
     writes: list[str] = []
     for is_terminal in (False, True):
         stream = SimpleNamespace(

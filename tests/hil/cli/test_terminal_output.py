@@ -1,4 +1,4 @@
-"""Whole commands on a terminal: what is on its screen meanwhile, and afterwards."""
+"""Whole commands on a terminal: the screen while they run, and afterwards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RUN = ["demo", "--clock", "lockstep", "--duration", "1", "--no-record"]
 
 
 def names_of(screen: list[str]) -> list[str]:
-    """The names of the last lines of a screen, if these are a panel."""
+    """Return the names at the beginning of the last lines of a screen, if these are a panel."""
     return [line.split()[0] for line in screen[-5:] if line]
 
 
@@ -45,7 +45,7 @@ def test_a_run_has_a_panel_below_its_messages(
     assert "ticks 1001, model time 1.001 s" in capsys.readouterr().out
 
 
-def test_a_run_goes_on_without_its_terminal(
+def test_a_run_continues_when_its_terminal_is_closed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from liftgate_hil.cli.terminal.teller import Teller
@@ -66,7 +66,7 @@ def test_a_run_goes_on_without_its_terminal(
 
 
 @pytest.mark.parametrize("term", ["dumb", "xterm"])
-def test_without_a_terminal_for_it_a_run_has_plain_lines(
+def test_without_a_capable_terminal_a_run_prints_plain_lines(
     term: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("TERM", term)
@@ -110,7 +110,7 @@ def test_ctrl_c_ends_a_run_and_leaves_its_messages_and_the_summary() -> None:
     assert "^C" not in "".join(lines)
 
 
-def test_a_conversion_says_how_far_it_is(
+def test_a_conversion_shows_its_progress(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     at_once(monkeypatch)
@@ -126,7 +126,7 @@ def test_a_conversion_says_how_far_it_is(
     assert capsys.readouterr().err == ""
 
 
-def test_a_simulation_says_how_much_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulation_shows_its_remaining_time(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once(monkeypatch)
     with as_stderr(monkeypatch) as terminal:
         assert main(["simulate", "--voltage", "5", "--duration", "30", "--output", "run.csv"]) == 0
@@ -148,10 +148,10 @@ def test_a_simulation_says_how_much_is_left(monkeypatch: pytest.MonkeyPatch) -> 
     ],
     ids=lambda command: command[0],
 )
-def test_every_command_that_may_take_long_has_progress(
+def test_every_command_that_may_take_long_shows_progress(
     command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each has one that begins and ends, whatever it says meanwhile.
+    """Each command begins and ends a progress display, whatever text it shows.
 
     The doctor waits 5 s for drivers to answer.
     """

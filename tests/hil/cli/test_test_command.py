@@ -1,4 +1,4 @@
-"""`liftgate-hil test`: which scenarios, verdicts, exit codes, reports."""
+"""`liftgate-hil test`: selection of scenarios, verdicts, exit codes and reports."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def scenario(name: str, *expectations: str) -> str:
     return name
 
 
-def test_how_rig_and_vehicle_fit_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_note_on_rig_and_vehicle_is_printed_once_for_all_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
     shipped = find_config("rigs", "liftgate", "rig").read_text()
     Path("left.toml").write_text(shipped.replace('right_duty = "DriveCommand.RightDuty"\n', ""))
     scenarios = [scenario(f"{name}.toml", RESTS) for name in "ab"]
@@ -79,7 +79,7 @@ def test_the_exit_code_is_that_of_the_worst_verdict(expectations: tuple[str, ...
         ["judge", "no.csv", "--scenario", "s.toml", "--set-parameter", "most"],
     ],
 )
-def test_what_is_wrong_does_not_leave_reports_of_an_earlier_run(arguments: list[str]) -> None:
+def test_an_error_does_not_leave_reports_of_an_earlier_run(arguments: list[str]) -> None:
     scenario("s.toml", RESTS)
     reports = ["--junit", "j.xml", "--html", "r.html", "--json", "v.json"]
     assert main(["test", "s.toml", *reports]) == 0
@@ -91,7 +91,7 @@ def test_what_is_wrong_does_not_leave_reports_of_an_earlier_run(arguments: list[
 
 
 @pytest.mark.parametrize("wrong", [["--html", "-"], ["--json"], ["--json", "no/x.json"], ["--results", "s.toml"]])
-def test_a_wrong_flag_of_one_report_stands_in_the_others(wrong: list[str]) -> None:
+def test_a_wrong_flag_is_an_error_in_the_other_reports(wrong: list[str]) -> None:
     scenario("s.toml", RESTS)
     assert main(["test", "s.toml", "--junit", "j.xml"]) == 0
     assert main(["test", "s.toml", "--junit", "j.xml", *wrong]) == 2
@@ -100,7 +100,7 @@ def test_a_wrong_flag_of_one_report_stands_in_the_others(wrong: list[str]) -> No
     assert "`" not in error.attrib["message"]
 
 
-def test_reports_are_written_although_nobody_reads_the_output() -> None:
+def test_reports_are_written_although_stdout_is_a_broken_pipe() -> None:
     scenario("s.toml", RESTS)
     read, write = os.pipe()
     os.close(read)
@@ -115,8 +115,8 @@ def test_reports_are_written_although_nobody_reads_the_output() -> None:
 
 
 @pytest.mark.parametrize("kind", ["json", "junit", "html"])
-def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """As `--junit *.toml` names two scenarios, and makes one of them the report."""
+def test_a_report_replaces_only_earlier_reports(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """As with `--junit *.toml`, which names two scenarios, one of them as the report."""
     scenario("s.toml", RESTS)
     assert main(["test", "s.toml", "--junit", "same", "--json", "same"]) == 2  # neither is there yet
     assert "same: another report is written there" in capsys.readouterr().err
@@ -138,7 +138,7 @@ def test_a_report_replaces_reports_only(kind: str, capsys: pytest.CaptureFixture
     assert "another report is written there" in capsys.readouterr().err
 
 
-def test_a_wrong_flag_removes_reports_of_this_program_only() -> None:
+def test_a_wrong_flag_removes_only_earlier_reports_of_this_program() -> None:
     scenario("s.toml", RESTS)
     Path("package.json").write_text('{"name": "theirs"}')
     Path("theirs.svg").write_text("<svg/>")
@@ -150,8 +150,8 @@ def test_a_wrong_flag_removes_reports_of_this_program_only() -> None:
     assert not Path("ours.json").exists()
 
 
-def test_earlier_reports_are_gone_before_the_first_scenario_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run that is killed leaves none that would be taken for its own."""
+def test_earlier_reports_are_removed_before_the_first_scenario_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a killed run would leave reports that look like its own."""
     scenario("s.toml", RESTS)
     flags = ["s.toml", "--json", "one.json", "--junit", "/dev/null", "--results", "out"]
     assert main(["test", *flags]) == 0
@@ -167,7 +167,7 @@ def test_earlier_reports_are_gone_before_the_first_scenario_runs(monkeypatch: py
     assert Path("/dev/null").exists()
 
 
-def test_a_link_to_a_report_does_not_keep_an_earlier_one() -> None:
+def test_an_earlier_report_behind_a_link_is_removed_too() -> None:
     scenario("s.toml", RESTS)
     Path("latest.json").symlink_to("real.json")
     assert main(["test", "s.toml", "--json", "latest.json"]) == 0
@@ -176,7 +176,7 @@ def test_a_link_to_a_report_does_not_keep_an_earlier_one() -> None:
     assert not Path("real.json").exists()
 
 
-def test_a_broken_test_file_in_a_folder_is_not_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_test_file_in_a_folder_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     Path("tests").mkdir()
     scenario("tests/s.toml", RESTS)
     Path("tests/test_other.toml").write_text('include = ["common.toml"\nduration = 5.0\n')
@@ -184,9 +184,7 @@ def test_a_broken_test_file_in_a_folder_is_not_left_out(capsys: pytest.CaptureFi
     assert "tests/test_other.toml" in capsys.readouterr().err
 
 
-def test_a_test_in_a_folder_that_has_lost_its_expectations_is_not_left_out(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_test_file_in_a_folder_without_expectations_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     Path("tests").mkdir()
     scenario("tests/s.toml", RESTS)
     scenario("tests/test_other.toml")
@@ -194,21 +192,21 @@ def test_a_test_in_a_folder_that_has_lost_its_expectations_is_not_left_out(
     assert "tests/test_other.toml" in capsys.readouterr().err
 
 
-def test_a_column_that_is_compared_with_itself_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
-    """`latched` is a column and a label of it."""
+def test_a_comparison_of_a_column_with_itself_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    """`latched` is a column, and also a label of that column."""
     itself = '[[expect]]\nname = "shut"\nalways = "time_s >= 0 and latched == latched"\n'
     assert main(["test", scenario("s.toml", itself)]) == 0
     said = "shut: latched == latched compares the column with itself; its values are 0 (open), 1 (latched)"
     assert said in capsys.readouterr().out
 
 
-def test_notes_stand_in_the_html_report(here: Path) -> None:
+def test_notes_are_in_the_html_report(here: Path) -> None:
     late = '[[fault]]\nkind = "spring_lost"\nwhere = "left"\nstart = 30\n'
     assert main(["test", scenario("s.toml", late, RESTS), "--html", "r.html"]) == 0
     assert "is never made" in Page(Path("r.html").read_text()).text
 
 
-def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
+def test_set_parameter_replaces_a_value_of_the_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     path = scenario("s.toml", RESTS)
     assert main(["test", path, "--set-parameter", "most=-1"]) == 1
     assert "rests: fail, margin -1 deg" in capsys.readouterr().out
@@ -220,7 +218,7 @@ def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--set-parameter most=1, most=2: allowed: NAME=VALUE" in capsys.readouterr().err
 
 
-def test_of_several_scenarios_each_gets_the_parameters_that_it_has(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_of_several_scenarios_gets_the_parameters_that_it_has(capsys: pytest.CaptureFixture[str]) -> None:
     scenario("a.toml", RESTS)
     Path("b.toml").write_text('duration = 0.5\n[[expect]]\nname = "waits"\nalways = "gate_angle_deg < 1"\n')
     assert main(["test", "a.toml", "b.toml", "--set-parameter", "most=-1"]) == 1
@@ -232,7 +230,7 @@ def test_of_several_scenarios_each_gets_the_parameters_that_it_has(capsys: pytes
     assert issue in capsys.readouterr().err
 
 
-def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_and_junit_reports_have_all_verdicts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
     assert main(["test", *names, "--json", "out.json", "--junit", "out.xml", "--jobs", "2"]) == 1
     out = capsys.readouterr().out
@@ -263,7 +261,7 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "margin -1 deg" in (failure.get("message") or "")
 
 
-def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path: Path) -> None:
+def test_a_folder_selects_its_scenarios_and_results_keeps_their_recordings(tmp_path: Path) -> None:
     (tmp_path / "suite" / "deep").mkdir(parents=True)
     scenario("suite/a.toml", RESTS)
     scenario("suite/deep/a.toml", RESTS)
@@ -283,7 +281,7 @@ def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path:
 
 
 @pytest.mark.parametrize(("kept", "left"), [("failed", ["b.csv", "b.log"]), ("none", [])])
-def test_recordings_of_what_passes_can_be_left_out(tmp_path: Path, kept: str, left: list[str]) -> None:
+def test_recordings_of_passed_scenarios_can_be_omitted(tmp_path: Path, kept: str, left: list[str]) -> None:
     scenario("a.toml", RESTS)
     scenario("b.toml", RESTS, MOVES)
     flags = ("--results", "out", "--recordings", kept, "--quiet", "--jobs", "2")
@@ -294,9 +292,7 @@ def test_recordings_of_what_passes_can_be_left_out(tmp_path: Path, kept: str, le
     assert "a.csv" not in Path("out/report.html").read_text().replace("a.toml", "")
 
 
-def test_verdicts_are_printed_in_the_order_of_the_files_whichever_ends_first(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_verdicts_are_printed_in_the_order_of_the_files(capsys: pytest.CaptureFixture[str]) -> None:
     names = [scenario(f"{letter}.toml", RESTS) for letter in "abcdef"]
     Path("a.toml").write_text(Path("a.toml").read_text().replace("duration = 0.5", "duration = 60"))
     assert main(["test", *names, "--jobs", "2"]) == 0
@@ -306,7 +302,7 @@ def test_verdicts_are_printed_in_the_order_of_the_files_whichever_ends_first(
     ]
 
 
-def test_a_state_that_is_as_expected_has_no_margin_to_show(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_passed_comparison_of_states_prints_no_margin(capsys: pytest.CaptureFixture[str]) -> None:
     state = '[[expect]]\nname = "shut"\nalways = "latched == 1"\n'
     assert main(["test", scenario("s.toml", state), "--json", "out.json"]) == 0
     assert "    shut: pass (always latched == 1), at " in capsys.readouterr().out
@@ -321,7 +317,7 @@ def test_a_state_that_is_as_expected_has_no_margin_to_show(capsys: pytest.Captur
         b'duration = 5\n# 20 \xb0C\n[[ expect ]]\nname = "x"\nalways = "time_s > 0"\n',
     ],
 )
-def test_a_scenario_in_a_folder_that_cannot_be_read_is_reported(
+def test_an_unreadable_scenario_in_a_folder_is_reported(
     content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("suite").mkdir()
@@ -331,7 +327,7 @@ def test_a_scenario_in_a_folder_that_cannot_be_read_is_reported(
     assert "suite/b.toml" in capsys.readouterr().err
 
 
-def test_files_that_cannot_be_read_and_are_no_scenarios_are_left_alone() -> None:
+def test_unreadable_files_in_a_folder_that_are_no_scenarios_are_ignored() -> None:
     Path("suite").mkdir()
     scenario("suite/a.toml", RESTS)
     Path("suite/tool.toml").write_text("a = = 1\nexpect = 3\n")
@@ -340,13 +336,13 @@ def test_files_that_cannot_be_read_and_are_no_scenarios_are_left_alone() -> None
 
 
 @pytest.mark.parametrize("path", ["", "loop.toml"])
-def test_what_is_no_path_is_reported(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_or_circular_path_is_reported(path: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("loop.toml").symlink_to("loop.toml")
     assert main(["test", path]) == 2
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_frames_that_the_gate_refuses_are_reported_beside_the_verdicts(
+def test_frames_refused_by_the_gate_are_noted_beside_the_verdicts(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("wrong_ecu.py").write_text(
@@ -364,7 +360,7 @@ def test_frames_that_the_gate_refuses_are_reported_beside_the_verdicts(
     assert told["sources"]["ecu"]["path"].endswith("wrong_ecu.py")
 
 
-def test_a_counter_in_other_steps_is_told_beside_the_verdicts(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> None:
+def test_a_counter_with_other_steps_is_noted_with_the_verdicts(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> None:
     Path("odd_ecu.py").write_text(
         "import can\n"
         f"COMMANDS = {[command_frame(rig, 2 * k)[1] for k in range(60)]!r}\n"
@@ -382,7 +378,7 @@ def test_a_counter_in_other_steps_is_told_beside_the_verdicts(monkeypatch: pytes
     assert 2 * int(found[1]) == int(found[2]) - 1
 
 
-def test_a_refused_frame_and_commands_that_come_too_late_are_told_with_what_was_wrong(
+def test_refused_frames_and_late_commands_are_noted_with_their_cause(
     monkeypatch: pytest.MonkeyPatch, rig: Rig
 ) -> None:
     Path("slow_ecu.py").write_text(
@@ -421,7 +417,7 @@ def test_a_refused_frame_and_commands_that_come_too_late_are_told_with_what_was_
         ),
     ],
 )
-def test_an_ecu_that_says_nothing_to_the_gate_is_reported_and_may_print(
+def test_an_ecu_without_an_accepted_command_is_noted_and_may_print(
     frames: str, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("mute_ecu.py").write_text(
@@ -440,7 +436,7 @@ def test_an_ecu_that_says_nothing_to_the_gate_is_reported_and_may_print(
     assert "its own words" in error
 
 
-def test_one_of_the_shipped_scenarios_is_named_with_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shipped_scenario_is_named_with_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "pack/stop_button"]) == 0
     assert "stops: pass" in capsys.readouterr().out
     for name in ("pack/none", "../none", "none"):
@@ -451,14 +447,14 @@ def test_one_of_the_shipped_scenarios_is_named_with_its_folder(capsys: pytest.Ca
     assert "pack/NAME" in error
 
 
-def test_a_margin_and_what_decided_have_each_their_time(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_margin_and_the_deciding_event_have_their_own_times(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", scenario("s.toml", MOVES), "--vehicle", "suv"]) == 1
     assert main(["test", "pack/crank_dip"]) == 0
     line = next(each for each in capsys.readouterr().out.splitlines() if "turns back" in each)
     assert re.search(r"margin [\d.]+ deg at 22\.\d{3} s, fulfilled at 21\.\d{3} s$", line)
 
 
-def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:
+def test_the_html_report_has_the_pictures_of_every_scenario() -> None:
     names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
     assert main(["test", *names, "--html", "out.html", "--jobs", "2"]) == 1
     page = Page(Path("out.html").read_text(encoding="utf-8"))
@@ -468,7 +464,7 @@ def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:
     assert page.tags.count("svg") == 3
 
 
-def test_an_ecu_in_a_process_of_its_own_sends_its_pictures_along() -> None:
+def test_the_html_report_has_pictures_of_an_ecu_in_a_process_of_its_own() -> None:
     Path("calm_ecu.py").write_text(
         "class Calm:\n    period_s = 0.01\n    def step(self, now_s, frames):\n        return []\n"
     )
@@ -479,7 +475,7 @@ def test_an_ecu_in_a_process_of_its_own_sends_its_pictures_along() -> None:
     assert "calm_ecu:Calm" in page.text
 
 
-def test_a_crash_of_the_ecu_stands_in_the_report() -> None:
+def test_a_crash_of_the_ecu_is_in_the_html_report() -> None:
     Path("bad_ecu.py").write_text(FROZEN)
     path = scenario("a.toml", RESTS)
     assert main(["test", path, "--ecu", "bad_ecu:Crash", "--html", "out.html"]) == 2
@@ -489,7 +485,7 @@ def test_a_crash_of_the_ecu_stands_in_the_report() -> None:
 
 
 @pytest.mark.parametrize(("ecu", "said"), [("Crash", "exit code 3"), ("Raises", "rubbish")])
-def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
+def test_a_failing_ecu_is_an_error_and_the_next_scenario_runs(
     ecu: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("bad_ecu.py").write_text(FROZEN)
@@ -518,7 +514,7 @@ def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
         ("not TOML", "not valid TOML"),
     ],
 )  # fmt: skip
-def test_mistakes_are_reported_before_anything_runs(
+def test_mistakes_in_a_scenario_are_reported_before_any_run(
     text: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("s.toml").write_text(text)
@@ -526,7 +522,7 @@ def test_mistakes_are_reported_before_anything_runs(
     assert said in capsys.readouterr().err
 
 
-def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_mistakes_of_all_files_are_reported_at_once(capsys: pytest.CaptureFixture[str]) -> None:
     names = [scenario("a.toml", RESTS.replace("always", "allways")), scenario("b.toml", "[[fault]]\nkind = 'x'\n")]
     assert main(["test", *names]) == 2
     told = capsys.readouterr().err
@@ -568,7 +564,9 @@ def test_a_report_that_cannot_be_written_is_refused_before_the_run(
     assert told.out == ""
 
 
-def test_two_files_of_one_lexical_path_are_two_scenarios(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_paths_that_differ_through_a_link_are_two_scenarios(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (here / "real" / "sub").mkdir(parents=True)
     Path("link").symlink_to("real/sub")
     scenario("a.toml", RESTS)
@@ -580,7 +578,7 @@ def test_two_files_of_one_lexical_path_are_two_scenarios(here: Path, capsys: pyt
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize("more", [(), ("--json", "-")])
-def test_reports_are_written_though_stdout_takes_nothing(more: tuple[str, ...]) -> None:
+def test_reports_are_written_although_stdout_is_full(more: tuple[str, ...]) -> None:
     scenario("a.toml", RESTS)
     command = [sys.executable, "-m", "liftgate_hil", "test", "a.toml", "--results", "out", *more]
     with Path("/dev/full").open("w") as full:
@@ -590,7 +588,7 @@ def test_reports_are_written_though_stdout_takes_nothing(more: tuple[str, ...]) 
     assert {"verdicts.json", "junit.xml", "report.html"} <= {each.name for each in Path("out").iterdir()}
 
 
-def test_a_further_attempt_does_not_take_the_recording_of_another_scenario() -> None:
+def test_a_repeated_attempt_does_not_overwrite_the_recording_of_another_scenario() -> None:
     Path("suite").mkdir()
     scenario("suite/a.toml", NEVER)
     scenario("suite/a-attempt-1.toml", RESTS)
@@ -605,9 +603,7 @@ def test_a_further_attempt_does_not_take_the_recording_of_another_scenario() -> 
     assert all(Path(name).is_file() for name in files)
 
 
-def test_results_in_a_folder_with_files_of_others_keep_them_all(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_results_set_aside_foreign_files_in_their_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     theirs = {"verdicts.json": '{"verdict": "theirs"}', "junit.xml": "<testsuites name='pytest'/>"}
     theirs |= {
         "report.html": "<html/>",
@@ -633,7 +629,7 @@ def test_results_in_a_folder_with_files_of_others_keep_them_all(
     assert len(found) == len(own) + 5 + 2
 
 
-def test_a_wrong_flag_sets_foreign_junit_aside(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_flag_sets_a_foreign_junit_file_aside(capsys: pytest.CaptureFixture[str]) -> None:
     Path("junit.xml").write_text("<testsuites name='pytest'/>")
     assert main(["test", scenario("s.toml", RESTS), "--junit", "junit.xml", "--jobs", "0"]) == 2
     assert Path("junit.previous.xml").read_text() == "<testsuites name='pytest'/>"

@@ -1,4 +1,4 @@
-"""`validate`: the fit of a model, of its parameters, and of nothing else."""
+"""`validate`: the fit of a model and of given parameters to a measurement."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def fit(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any
     return result
 
 
-def test_the_true_model_leaves_the_noise_alone(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_the_residuals_of_the_true_model_are_the_noise(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = fit(capsys, opening, *settings(TRUTH))
     assert result["rms"]["left_current_a"] == pytest.approx(0.05, rel=0.1)
     assert result["rms"]["gate_angle_deg"] == pytest.approx(0.1, rel=0.1)
@@ -38,7 +38,7 @@ def test_the_true_model_leaves_the_noise_alone(capsys: pytest.CaptureFixture[str
     assert result["whiteness"]["left_current_a"]
 
 
-def test_an_output_with_an_offset_is_pointed_out_and_noise_is_not(
+def test_an_output_with_an_offset_is_reported_and_noise_is_not(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
     true = settings(TRUTH)
@@ -54,7 +54,7 @@ def test_an_output_with_an_offset_is_pointed_out_and_noise_is_not(
     assert "white about its mean" in capsys.readouterr().out
 
 
-def test_a_motor_without_an_input_of_its_own_is_noted(
+def test_a_motor_without_its_own_input_is_noted_as_driven_like_the_other(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     assert not [each for each in fit(capsys, opening)["notes"] if "is driven as" in each]
@@ -64,14 +64,14 @@ def test_a_motor_without_an_input_of_its_own_is_noted(
     assert note.endswith("no right_voltage_v or right_duty: the right motor is driven as the left one")
 
 
-def test_a_wrong_model_fits_worse_and_is_not_adapted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_a_wrong_model_fits_worse_and_is_not_fitted(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     right = fit(capsys, opening, *settings(TRUTH))
     wrong = fit(capsys, opening)
     for name in ("left_current_a", "left_position_rev", "gate_angle_deg"):
         assert wrong["fit_percent"][name] < right["fit_percent"][name] - 1.0
 
 
-def test_a_result_of_identify_is_what_its_saved_vehicle_is(
+def test_a_result_of_identify_fits_like_the_vehicle_it_saved(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     result, saved = tmp_path / "result.json", tmp_path / "saved.toml"
@@ -85,7 +85,7 @@ def test_a_result_of_identify_is_what_its_saved_vehicle_is(
     assert by_vehicle["fit_percent"] == pytest.approx(identified, rel=1e-6)
 
 
-def test_what_identify_could_not_tell_is_left_as_it_is(
+def test_unidentifiable_parameters_of_a_result_are_not_used(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "result.json"
@@ -119,7 +119,7 @@ def test_what_identify_could_not_tell_is_left_as_it_is(
         ),
     ],
 )
-def test_what_is_no_result_is_refused(
+def test_a_file_that_is_no_result_of_identify_is_refused(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path, content: str, said: str
 ) -> None:
     path = tmp_path / "result.json"
@@ -129,7 +129,7 @@ def test_what_is_no_result_is_refused(
     assert said in line
 
 
-def test_reports_are_written_and_quiet_is_quiet(
+def test_reports_are_written_and_quiet_prints_nothing(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     result, page = tmp_path / "fit.json", tmp_path / "fit.html"
@@ -139,7 +139,7 @@ def test_reports_are_written_and_quiet_is_quiet(
     assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
-def test_result_and_page_say_which_files_they_are_from(
+def test_result_and_page_name_their_source_files(
     opening: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
@@ -159,7 +159,7 @@ def test_result_and_page_say_which_files_they_are_from(
         assert each in shown
 
 
-def test_the_text_names_file_output_and_fit(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_the_printed_text_has_file_output_and_fit(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     assert call("validate", opening, "--outputs", "current", *settings(TRUTH)) == 0
     text = capsys.readouterr().out
     assert opening.name in text
@@ -184,7 +184,7 @@ def test_estimated_initial_states_are_shown(
     assert "cut.csv: speed" in text
 
 
-def test_an_output_named_twice_counts_once(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_an_output_given_twice_counts_once(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     once = fit(capsys, opening, "--outputs", "current")
     twice = fit(capsys, opening, "--outputs", "current,current")
     assert twice.pop("provenance") != once.pop("provenance")  # another command line
@@ -203,20 +203,20 @@ def test_an_output_named_twice_counts_once(capsys: pytest.CaptureFixture[str], o
         (["--model", "fourth-order"], "invalid choice"),
     ],
 )
-def test_wrong_flags_are_one_line(
+def test_a_wrong_flag_is_one_line(
     capsys: pytest.CaptureFixture[str], opening: Path, flags: list[str], said: str
 ) -> None:
     (line,) = complaint(capsys, "validate", opening, *flags)
     assert said in line
 
 
-def test_without_a_file_there_is_nothing_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_call_without_a_file_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     (line,) = complaint(capsys, "validate")
     assert "FILE" in line
 
 
 @pytest.mark.parametrize("inertia", [4e-6, 6e-6, 1.1e-5])
-def test_a_light_motor_that_runs_up_at_the_first_sample_begins_at_rest(
+def test_a_light_motor_that_starts_at_the_first_sample_begins_at_rest(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, inertia: float
 ) -> None:
     file = Path(__file__).parents[3] / "docs/examples/car.toml"

@@ -1,4 +1,4 @@
-"""Raw values in and out of bytes, and checksums, against independent implementations."""
+"""Raw values in payload bytes, and checksums, against independent implementations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MAX = 64
 
 
 def sum_of(kind: int, identifier: int, frame: np.ndarray, length: int, skip: int) -> int:
-    """The checksum of a frame, for a message that has no more to it."""
+    """Return the checksum of a frame of a message without further protection."""
     table = np.zeros(1, dtype=MESSAGE).view(np.recarray)
     table.kind, table.identifier = kind, identifier
     table.length, table.checksum_byte = length, skip
@@ -39,7 +39,7 @@ def sum_of(kind: int, identifier: int, frame: np.ndarray, length: int, skip: int
 
 
 def bits_of(place: BitPlace) -> list[int]:
-    """The bit numbers (8 · byte + bit) of a place, lowest first, counted one by one."""
+    """Return the bit numbers (8 · byte + bit) of a signal's place, lowest first, counted one by one."""
     byte, bit = place.byte, place.shift
     numbers = []
     for _ in range(place.length):
@@ -71,7 +71,7 @@ def array_of(payload: bytes) -> np.ndarray:
 
 @CALM
 @given(payloads, places(32))
-def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: BitPlace):
+def test_a_raw_value_is_read_bit_by_bit_from_the_lowest(payload: bytes, place: BitPlace):
     expected = sum(
         (payload[number // 8] >> (number % 8) & 1) << index for index, number in enumerate(bits_of(place))
     )
@@ -80,7 +80,7 @@ def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: BitPlac
 
 @CALM
 @given(payloads, places(32), st.data())
-def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: BitPlace, data: st.DataObject):
+def test_writing_changes_no_bit_outside_the_signal(payload: bytes, place: BitPlace, data: st.DataObject):
     raw = data.draw(st.integers(0, (1 << place.length) - 1))
     after = array_of(payload)
     insert(after, 0, *place[:4], np.int64(raw))
@@ -93,7 +93,7 @@ def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: BitPlac
 
 @CALM
 @given(places(), st.data())
-def test_an_integer_comes_back_as_it_was_written(place: BitPlace, data: st.DataObject):
+def test_an_integer_reads_back_as_written(place: BitPlace, data: st.DataObject):
     if place.kind == SIGNED:
         low, high = -(1 << (place.length - 1)), (1 << (place.length - 1)) - 1
     else:
@@ -109,7 +109,7 @@ def test_an_integer_comes_back_as_it_was_written(place: BitPlace, data: st.DataO
 
 @CALM
 @given(places(), st.floats(width=32), st.booleans())
-def test_floats_come_back_bit_by_bit(place: BitPlace, value: float, double: bool):
+def test_floats_read_back_bit_by_bit(place: BitPlace, value: float, double: bool):
     length, kind, code = (64, FLOAT64, "<d") if double else (32, FLOAT32, "<f")
     place = place._replace(length=length, kind=kind)
     spanned = (place.shift + length + 7) // 8
@@ -138,7 +138,7 @@ def test_crc8_has_the_check_value_of_sae_j1850():
 
 @CALM
 @given(st.integers(0, 0x1FFFFFFF), st.binary(min_size=1, max_size=64), st.data())
-def test_the_frame_checksum_is_the_crc_over_identifier_and_payload_but_its_own_byte(
+def test_the_frame_crc_covers_identifier_and_payload_except_its_own_byte(
     identifier: int, payload: bytes, data: st.DataObject
 ):
     skip = data.draw(st.integers(0, len(payload) - 1))
@@ -148,7 +148,7 @@ def test_the_frame_checksum_is_the_crc_over_identifier_and_payload_but_its_own_b
 
 
 @pytest.mark.parametrize(("kind", "expected"), [(XOR8, 0x23 ^ 0x01 ^ 1 ^ 4), (SUM8, 0x23 + 1 + 1 + 4)])
-def test_xor_and_sum_checksums_cover_identifier_and_payload_but_their_own_byte(kind: int, expected: int):
+def test_xor_and_sum_checksums_cover_identifier_and_payload_except_their_own_byte(kind: int, expected: int):
     frame = array_of(bytes([1, 0xEE, 4]).ljust(MAX, b"\xa5"))
     assert sum_of(kind, 0x123, frame, 3, 1) == expected & 0xFF
 
@@ -159,7 +159,7 @@ def test_a_sum_checksum_wraps_at_one_byte():
 
 
 @pytest.mark.parametrize("position", range(64))
-def test_the_crc_notices_every_single_flipped_bit(position: int):
+def test_the_crc_detects_every_single_flipped_bit(position: int):
     payload = bytes([0x10, 0x32, 0x54, 0x76, 0x98, 0xBA, 0xDC, 0x00])
     good = sum_of(CRC8_SAE_J1850, 0x120, array_of(payload.ljust(MAX, b"\0")), 8, 7)
     flipped = bytearray(payload)
@@ -169,6 +169,6 @@ def test_the_crc_notices_every_single_flipped_bit(position: int):
     assert (sum_of(CRC8_SAE_J1850, 0x120, frame, 8, 7) != good) == covered
 
 
-def test_the_lengths_of_frames_are_those_of_the_standard() -> None:
+def test_frame_lengths_are_those_of_the_standard() -> None:
     """ISO 11898-1, table of the data length code."""
     assert [can.util.dlc2len(code) for code in range(16)] == [*LENGTHS]

@@ -1,4 +1,4 @@
-"""Alive counters of any width, start and step: what is sent, what is taken, what is missing."""
+"""Alive counters of any width, start and step: values sent, accepted, and missing."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def countings(draw: st.DrawFn) -> tuple[int, dict[str, Any]]:
 
 @CALM
 @given(countings(), st.sampled_from(("little_endian", "big_endian")), st.integers(0, 2**40))
-def test_each_frame_has_the_next_value_and_none_seems_to_be_missing(
+def test_each_frame_has_the_next_counter_value_and_none_counts_as_lost(
     counting: tuple[int, dict[str, Any]], order: str, before: int
 ):
     bits, given = counting
@@ -76,7 +76,7 @@ def test_each_frame_has_the_next_value_and_none_seems_to_be_missing(
 
 @CALM
 @given(countings(), st.integers(1, 6))
-def test_frames_that_did_not_come_are_counted(counting: tuple[int, dict[str, Any]], missing: int):
+def test_lost_frames_are_counted_modulo_the_counter_range(counting: tuple[int, dict[str, Any]], missing: int):
     bits, given = counting
     there, here = bus_of(bits, given, True), bus_of(bits, given)
     modulus = int(here.messages[0].modulus)
@@ -99,7 +99,7 @@ def test_frames_that_did_not_come_are_counted(counting: tuple[int, dict[str, Any
         ({"lowest": 2, "highest": 7, "step": 3}, (2, 5)),
     ],
 )
-def test_a_value_that_the_counter_never_has_is_refused(given: dict[str, int], values: Sequence[int]):
+def test_a_value_outside_the_counter_sequence_is_refused(given: dict[str, int], values: Sequence[int]):
     bus = bus_of(4, {"signal": "Counter", **given})
     for value in range(16):
         frame = frames_of([(0x123, (value << 3).to_bytes(10, "little"))])
@@ -108,7 +108,7 @@ def test_a_value_that_the_counter_never_has_is_refused(given: dict[str, int], va
         assert (after.counter[0] == -1) == (value not in values)
 
 
-def test_a_value_that_the_counter_never_has_does_not_make_the_next_frame_the_first_one():
+def test_a_refused_counter_value_does_not_restart_the_sequence():
     bus = bus_of(4, {"signal": "Counter", "highest": 9})
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number, value in enumerate((3, 12, 6)):
@@ -119,12 +119,12 @@ def test_a_value_that_the_counter_never_has_does_not_make_the_next_frame_the_fir
 
 @CALM
 @given(st.integers(2, MOST_VALUES), st.data())
-def test_products_are_right_up_to_the_largest_modulus(modulus: int, data: st.DataObject):
+def test_modular_products_are_exact_up_to_the_largest_modulus(modulus: int, data: st.DataObject):
     first, second = (data.draw(st.integers(0, modulus - 1)) for _ in range(2))
     assert product(first, second, modulus) == first * second % modulus
 
 
-def test_products_of_machine_code_are_those_of_python():
+def test_modular_products_of_machine_code_equal_those_of_python():
     for modulus in (2, 15, 2**32, MOST_VALUES - 59, MOST_VALUES):
         for first, second in ((modulus - 1, modulus - 1), (modulus // 2, modulus - 1), (1, 0)):
             expected = first * second % modulus
@@ -147,12 +147,12 @@ def test_products_of_machine_code_are_those_of_python():
         (64, {}, "counter: Counter takes 9223372036854775808 values; allowed: up to 2^48"),
     ],
 )  # fmt: skip
-def test_a_wrong_counter_is_reported_in_one_line(bits: int, given: dict[str, Any], message: str):
+def test_an_invalid_counter_is_reported_in_one_line(bits: int, given: dict[str, Any], message: str):
     (issue,) = issues_of(bus_of, bits, {"signal": "Counter", **given})
     assert f"rig.toml: messages.M.{message}" in issue
 
 
-def test_a_counter_of_64_bits_may_stay_below_2_to_48_values():
+def test_a_counter_of_64_bits_may_have_up_to_2_to_48_values():
     for lowest in (0, 2**62):
         given = {"signal": "Counter", "lowest": lowest, "highest": lowest + 2**48 - 1}
         assert bus_of(64, given).messages[0].modulus == 2**48

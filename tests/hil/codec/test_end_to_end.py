@@ -1,4 +1,4 @@
-"""AUTOSAR E2E: the sums against the package autosar-e2e, the state machine against its specification."""
+"""AUTOSAR E2E: checksums against the package autosar-e2e, the state machine against its specification."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Sender = Callable[[int, float], bytes]  # counter, value → payload
 
 
 def message_of(profile: str, length: int = 8) -> Message:
-    """CRC and counter where the profile's standard variant has them, then a value."""
+    """A message with CRC and counter where the profile's standard variant has them, and a value."""
     size = 16 if profile == "e2e-p05" else 8
     counter = Signal("Counter", size, 8 if profile == "e2e-p05" else 4, "little_endian")
     signals = [
@@ -84,7 +84,7 @@ def bus_config_of(
 
 
 def theirs(profile: str, mode: str = "both", length: int = 8) -> Sender:
-    """A frame by the package."""
+    """Return a function that makes a frame with the package autosar-e2e."""
     modes = {
         "both": e2e.p01.E2E_P01_DATAID_BOTH,
         "alternating": e2e.p01.E2E_P01_DATAID_ALT,
@@ -128,7 +128,7 @@ VARIANTS = [
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 @pytest.mark.parametrize("length", [5, 8, 64])
-def test_what_is_sent_is_what_the_package_makes(codec: tuple[Any, Any], profile: str, mode: str, length: int):
+def test_sent_frames_equal_those_of_the_package(codec: tuple[Any, Any], profile: str, mode: str, length: int):
     bus = bus_config_of(profile, sending=True, length=length, mode=mode)
     their = theirs(profile, mode, length)
     modulus = MODULI[profile]
@@ -140,7 +140,7 @@ def test_what_is_sent_is_what_the_package_makes(codec: tuple[Any, Any], profile:
 
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
-def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, mode: str):
+def test_frames_of_the_reference_package_are_accepted(codec: tuple[Any, Any], profile: str, mode: str):
     bus = bus_config_of(profile, mode=mode)
     their = theirs(profile, mode)
     modulus = MODULI[profile]
@@ -156,7 +156,7 @@ def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, m
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 @CALM
 @given(st.integers(0, 63), st.integers(0, 14))
-def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: int):
+def test_every_flipped_bit_is_detected(profile: str, mode: str, bit: int, counter: int):
     bus = bus_config_of(profile, mode=mode)
     payload = bytearray(theirs(profile, mode)(counter, 0x1234))
     payload[bit // 8] ^= 1 << bit % 8
@@ -165,7 +165,7 @@ def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: i
     assert counts == NO_COUNTS._replace(checksum=1)
 
 
-def test_another_data_id_is_seen():
+def test_a_frame_with_another_data_id_is_refused():
     bus = bus_config_of("e2e-p05")
     bus.end_to_end.data_ids[0][:] = 0x1A2C
     frame = frames_of([(0x123, theirs("e2e-p05")(0, 1))])
@@ -185,7 +185,7 @@ def payload_of(their: Sender, step: int | str, value: float) -> bytes:
 
 
 def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
-    """What became of each frame, and the state after each step."""
+    """Return the fate of each frame, and the state after each step."""
     their = theirs(profile)
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     causes, states = [], []
@@ -206,7 +206,7 @@ def cause_of(before: Counts, after: Counts) -> str:
     return changed[0] if changed else ""
 
 
-def test_a_frame_that_comes_twice_is_refused():
+def test_a_repeated_frame_is_refused():
     causes, _ = run(bus_config_of("e2e-p01"), [0, 1, 1, 2, 2, 3])
     assert causes == [
         "unqualified", "accepted", "counter", "accepted", "counter", "accepted",
@@ -215,25 +215,25 @@ def test_a_frame_that_comes_twice_is_refused():
 
 @pytest.mark.parametrize("allowed", [1, 2, 3])
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
-def test_so_many_lost_frames_are_tolerated_as_the_rig_says(allowed: int, step: int):
+def test_max_delta_limits_the_number_of_lost_frames_that_are_tolerated(allowed: int, step: int):
     bus = bus_config_of("e2e-p05", max_delta=allowed)
     causes, _ = run(bus, [250, 251, (251 + step) % 256], "e2e-p05")
     # The step is made within one cycle, so nothing excuses it.
     assert causes[2] == ("accepted" if step <= allowed else "counter")
 
 
-def test_after_a_wrong_sequence_the_next_frame_counts_from_there():
+def test_after_a_sequence_error_counting_continues_from_the_refused_frame():
     causes, states = run(bus_config_of("e2e-p01"), [0, 1, 9, 10, 11])
     assert causes == ["unqualified", "accepted", "counter", "accepted", "accepted"]
     assert states == [INIT, VALID, INVALID, VALID, VALID]
 
 
-def test_synchronisation_takes_as_many_frames_as_the_rig_says():
+def test_resynchronisation_takes_the_configured_number_of_frames():
     causes, _ = run(bus_config_of("e2e-p01", sync=2), [0, 1, 9, 10, 11, 12])
     assert causes == ["unqualified", "accepted", "counter", "unqualified", "unqualified", "accepted"]
 
 
-def test_each_cycle_without_a_frame_tolerates_one_more():
+def test_each_cycle_without_a_frame_tolerates_one_more_lost_frame():
     bus = bus_config_of("e2e-p01")
     assert run(bus, [0, 1, 3])[0][-1] == "counter"
     assert run(bus, [0, 1, None, 3])[0][-1] == "accepted"
@@ -249,12 +249,12 @@ def test_lost_frames_are_counted():
     assert counts == NO_COUNTS._replace(accepted=3, unqualified=1, lost=2)
 
 
-def test_profile_1_has_no_counter_15():
+def test_counter_value_15_is_refused_in_profile_1():
     causes, _ = run(bus_config_of("e2e-p01"), [13, 14, 15, 0])
     assert causes == ["unqualified", "accepted", "checksum", "accepted"]
 
 
-def test_a_time_out_starts_again_from_nothing():
+def test_after_a_time_out_the_state_machine_starts_again():
     bus = bus_config_of("e2e-p01")
     causes, states = run(bus, [0, 1, None, None, None, 7, 8])
     assert states == [INIT, VALID, VALID, VALID, NODATA, INIT, VALID]
@@ -264,7 +264,7 @@ def test_a_time_out_starts_again_from_nothing():
 def reference_states(
     steps: list[str], window: int, min_ok: tuple[int, ...], max_error: tuple[int, ...]
 ) -> list[int]:
-    """E2E_SMCheck as the specification has it: steps are "ok", "error", "other"."""
+    """Return the states of E2E_SMCheck as specified, for steps "ok", "error" and "other"."""
     state, held, states = NODATA, [], []
     for step in steps:
         if state == NODATA:
@@ -288,7 +288,7 @@ LIMITS = st.tuples(*[st.integers(0, 6)] * 3)
 
 @CALM
 @given(st.lists(st.sampled_from(["ok", "error", "other"]), max_size=25), st.integers(1, 6), LIMITS, LIMITS)
-def test_the_state_machine_is_the_specifications(
+def test_the_state_machine_follows_the_specification(
     kinds: list[str], window: int, min_ok: tuple[int, int, int], max_error: tuple[int, int, int]
 ):
     bus = bus_config_of("e2e-p05", window=window, min_ok=min_ok, max_error=max_error)
@@ -314,7 +314,7 @@ def test_the_state_machine_is_the_specifications(
     assert states == reference_states(real, window, min_ok, max_error)
 
 
-def test_only_a_valid_state_lets_data_through():
+def test_only_the_valid_state_passes_data_on():
     limits = {"min_ok": (3, 2, 4), "max_error": (0, 1, 0)}
     bus = bus_config_of("e2e-p01", window=4, timeout_cycles=100.0, **limits)
     causes, states = run(bus, [0, 1, 2, 3, "x", "x", 4, 5, 6, 7, 8])
@@ -367,14 +367,14 @@ data_id = 0xBEEF
 """
 
 
-def test_its_loop_has_the_machine_code_of_any_other_rig(tmp_path: Path):
+def test_a_rig_with_e2e_protection_uses_the_same_machine_code_as_the_shipped_rig(tmp_path: Path):
     theirs, shipped = (
         text_of(kind_of(loop_config(rig=rig))) for rig in (rig_of(tmp_path, DATABASE, RIG), rig_from("liftgate"))
     )
     assert theirs == shipped
 
 
-def test_a_rig_protects_both_ways(tmp_path: Path):
+def test_a_rig_protects_sent_and_received_frames(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, RIG)
     config = loop_config(rig=rig)
     state = start_of(config, latched=False)
@@ -421,7 +421,7 @@ def test_a_rig_protects_both_ways(tmp_path: Path):
         ('"e2e-p05"', '"simple"', "data_id: allowed with protection"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_profile_is_reported(tmp_path: Path, old: str, new: str, said: str):
+def test_an_invalid_profile_is_reported(tmp_path: Path, old: str, new: str, said: str):
     assert old in RIG
     with pytest.raises(ConfigError, match=said):
         rig_of(tmp_path, DATABASE, RIG.replace(old, new, 1))

@@ -1,4 +1,4 @@
-"""Checksums by parameters, against the catalogue of published CRCs, against bit-by-bit division, and against
+"""Checksums given by parameters, against the catalogue of published CRCs, bit-by-bit division, and
 frames of cars and of open projects that talk to them.
 """
 
@@ -41,7 +41,7 @@ def catalogue() -> list[dict[str, Any]]:
 
 def divided(data: Iterable[int], width: int, polynomial: int, start: int = 0, reflect_in: bool = False,
             reflect_out: bool = False, final_xor: int = 0) -> int:  # fmt: skip
-    """The CRC of bytes bit by bit, as the Rocksoft model has it."""
+    """Return the CRC of bytes bit by bit, by the Rocksoft model."""
     register, top = start, 1 << (width - 1)
     for byte in data:
         bits = [byte >> (k if reflect_in else 7 - k) & 1 for k in range(8)]
@@ -56,7 +56,7 @@ def divided(data: Iterable[int], width: int, polynomial: int, start: int = 0, re
 
 
 def bus_of(message: Message, table: Mapping[str, Any], sending: bool = False, value: str = "Value") -> BusConfig:
-    """The tables of a message with this table [messages.M] of a rig."""
+    """Return the tables of a message with this table [messages.M] of a rig."""
     issues = ConfigIssues("rig.toml")
     messages = Messages([message])
     options = message_options(issues, {message.name: dict(table)}, messages)
@@ -74,7 +74,7 @@ def message_of(
     value: tuple[int, int, str] | None = None,
     identifier: int = 0x123,
 ) -> Message:
-    """A message M; of each signal its start as a DBC has it, its bits and its byte order."""
+    """Return a message M; each signal is given by start as in a DBC, number of bits and byte order."""
     given = {"Crc": checksum, "Counter": counter, "Value": value or (8, 1, "little_endian")}
     signals = [
         Signal(name, start, bits, order)
@@ -90,7 +90,7 @@ def frame_of(payload: bytes) -> np.ndarray:
 
 
 def checked(bus: BusConfig, payload: bytes, call: Any = put_checksum) -> tuple[int, bytes]:
-    """The checksum that a payload is given, and the payload with it."""
+    """Return the checksum computed for a payload, and the payload with the checksum in it."""
     frame = frame_of(payload)
     call(bus, 0, 0, frame, 0)
     found = int(checksum_in(bus, 0, frame, 0)) & 0xFFFFFFFFFFFFFFFF
@@ -102,7 +102,7 @@ FLAGS = ("reflect_in", "reflect_out")
 
 
 def checksum_table(row: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """A rig's `checksum` for a row of the catalogue."""
+    """Return a rig's `checksum` table for an entry of the catalogue."""
     numbers = {key: row[key] for key in PARAMETERS}
     return {"signal": "Crc", **numbers, **{key: bool(row[key]) for key in FLAGS}, **more}
 
@@ -111,7 +111,7 @@ def checksum_table(row: Mapping[str, Any], **more: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "place", [(80, "little_endian"), (85, "little_endian"), (87, "big_endian"), (82, "big_endian")]
 )
-def test_each_published_crc_has_its_check_value(mode: str, place: tuple[int, str]):
+def test_each_published_crc_gives_its_published_check_value(mode: str, place: tuple[int, str]):
     call = put_checksum if mode == "plain" else compiled(put_checksum)
     rows = catalogue()
     assert len(rows) == 112
@@ -124,7 +124,7 @@ def test_each_published_crc_has_its_check_value(mode: str, place: tuple[int, str
         assert said == row["check"], row["name"]
 
 
-def test_the_catalogue_covers_narrow_and_wide_ones_either_way_round():
+def test_the_catalogue_has_narrow_and_wide_crcs_of_either_bit_order():
     rows = catalogue()
     assert {row["width"] for row in rows} >= {3, 4, 5, 6, 7, 8, 10, 11, 12, 15, 16, 17, 24, 32, 64}
     assert {(row["reflect_in"], row["reflect_out"]) for row in rows} >= {(0, 0), (1, 1), (0, 1)}
@@ -132,7 +132,7 @@ def test_the_catalogue_covers_narrow_and_wide_ones_either_way_round():
 
 @st.composite
 def schemes(draw: st.DrawFn) -> tuple[Message, dict[str, Any], list[tuple[str, int]]]:
-    """A message, its checksum, and the bytes that go into it: (part, number)."""
+    """Draw a message, its checksum, and the bytes that it covers: (part, number)."""
     width = draw(st.integers(1, 64))
     length = draw(st.integers(10, 24))
     spare = 8 * length - width - 8
@@ -169,7 +169,7 @@ def schemes(draw: st.DrawFn) -> tuple[Message, dict[str, Any], list[tuple[str, i
 
 @CALM
 @given(schemes(), st.binary(min_size=24, max_size=24))
-def test_any_checksum_is_the_one_of_bitwise_division(
+def test_any_checksum_equals_bitwise_division(
     scheme: tuple[Message, dict[str, Any], list[tuple[str, int]]], payload: bytes
 ):
     message, table, covered = scheme
@@ -188,7 +188,7 @@ def test_any_checksum_is_the_one_of_bitwise_division(
     assert found == divided(data, **{key: table[key] for key in keys})
 
 
-def test_the_whole_payload_is_all_bytes_but_those_that_the_checksum_fills():
+def test_the_covered_payload_is_all_bytes_except_those_filled_by_the_checksum():
     row = next(each for each in catalogue() if each["name"] == "CRC-16/IBM-3740")
     payload = bytes(range(1, 9))
     for start, order, left in (
@@ -213,7 +213,7 @@ def test_the_whole_payload_is_all_bytes_but_those_that_the_checksum_fills():
         (0x123, ["data_id 1 to 0", "payload 0"], [0x12, 0x34, 0x11]),
     ],
 )
-def test_numbers_go_in_lowest_byte_first_unless_the_rig_says_otherwise(
+def test_numbers_are_covered_lowest_byte_first_unless_the_rig_says_otherwise(
     identifier: int, covers: list[str], data: list[int]
 ):
     message = message_of(8, (56, 8, "little_endian"), (48, 4, "little_endian"), identifier=identifier)
@@ -267,7 +267,7 @@ MAKERS = {
 
 
 @pytest.mark.parametrize("maker", MAKERS)
-def test_frames_of_makers_are_taken_and_made(maker: str):
+def test_frames_of_car_makers_are_accepted_and_reproduced(maker: str):
     identifier, place, scheme, counter, frames = MAKERS[maker]
     for payload in map(bytes.fromhex, frames):
         start, bits = place[0] % (8 * len(payload)), place[1]
@@ -288,8 +288,8 @@ def test_frames_of_makers_are_taken_and_made(maker: str):
             assert (counts.accepted, counts.checksum) == (1 - flipped, flipped)
 
 
-def test_a_sum_over_the_identifier_is_a_named_checksum_wherever_its_byte_is():
-    """As Subaru and Tesla have it; the frame is of opendbc's code for Subaru."""
+def test_a_sum_over_the_identifier_is_a_named_checksum_in_any_byte():
+    """As of Subaru and Tesla; the frame is from opendbc's code for Subaru."""
     message = message_of(8, (0, 8, "little_endian"), identifier=0x122)
     bus = bus_of(message, {"checksum": "Crc", "checksum_kind": "sum8"})
     payload = bytes.fromhex("c5c924c3597164c4")
@@ -304,7 +304,7 @@ def codec(request: pytest.FixtureRequest) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("identifier", [0x123, 0x18FF1234])
-def test_what_one_end_makes_the_other_end_takes(codec: tuple[Any, Any], identifier: int):
+def test_a_receiver_accepts_what_a_sender_with_the_same_rig_makes(codec: tuple[Any, Any], identifier: int):
     message = message_of(
         12, (3, 37, "little_endian"), (47, 5, "big_endian"), (64, 16, "little_endian"), identifier
     )

@@ -1,4 +1,4 @@
-"""What becomes of a frame: taken whole or refused whole, and counted under exactly one cause."""
+"""Reception of frames: accepted whole or refused whole, and counted under exactly one cause."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def value(reception: Reception, name: str) -> float:
 
 
 def same(first: Reception, second: Reception) -> bool:
-    """Whether the same is known of the messages, whatever is noted about refused and foreign frames."""
+    """Tell whether two receptions are equal apart from the memory of refused and foreign frames."""
     first, second = (
         each._replace(read=each.values, refusals=each.values, foreign=each.values) for each in (first, second)
     )
@@ -64,7 +64,7 @@ def same(first: Reception, second: Reception) -> bool:
     )
 
 
-def test_a_sound_command_is_taken(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_a_valid_command_is_accepted(rig: Rig, bus: BusConfig, fresh: Reception):
     frame = command_frame(
         rig, 3, LeftDuty=12.3, RightDuty=100.0, LeftDirection=1, RightDirection=2, LatchRelease=1
     )
@@ -78,7 +78,7 @@ def test_a_sound_command_is_taken(rig: Rig, bus: BusConfig, fresh: Reception):
     assert np.isnan(value(reception, "hand_force"))
 
 
-def test_the_panels_values_are_taken(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_values_of_the_panel_message_are_accepted(rig: Rig, bus: BusConfig, fresh: Reception):
     frame = panel_frame(
         rig, ObstacleAngle=35.0, ObstacleRate=10.0, RoadSlope=-12.0, SupplyVoltage=9.5,
         HandForce=-200.0,
@@ -133,7 +133,7 @@ def test_a_refused_frame_counts_once_and_changes_nothing(rig: Rig, bus: BusConfi
     assert rejected(total) == int(cause not in ("foreign", "error"))
 
 
-def test_the_cycles_of_a_message_are_its_frames_and_those_that_its_counter_misses(
+def test_the_cycles_of_a_message_are_its_frames_and_those_missing_by_its_counter(
     rig: Rig, bus: BusConfig, fresh: Reception
 ):
     state = fresh
@@ -142,7 +142,7 @@ def test_the_cycles_of_a_message_are_its_frames_and_those_that_its_counter_misse
         assert state.cycles.tolist()[0] == cycles
 
 
-def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_an_invalid_frame_does_not_affect_valid_ones_of_the_same_read(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
         bus,
         fresh,
@@ -157,7 +157,7 @@ def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(rig: Rig, bus: B
     assert value(reception, "hand_force") == pytest.approx(30.0)
 
 
-def test_frames_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_reception_does_not_modify_its_arguments(rig: Rig, bus: BusConfig, fresh: Reception):
     before, counts = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     kept = copy.deepcopy(before)
     frames = frames_of([command_frame(rig, 2, **both(70.0, OPEN)), panel_frame(rig)])
@@ -171,7 +171,7 @@ def test_frames_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
 @pytest.mark.parametrize(
     ("turns", "counts", "duty"), [((15, 0), {"accepted": 2}, 60.0), ((5, 5), {"accepted": 1, "counter": 1}, 40.0)]
 )
-def test_of_two_commands_in_one_read_the_later_holds_unless_its_counter_is_repeated(
+def test_the_later_of_two_commands_holds_unless_its_counter_is_repeated(
     rig: Rig, bus: BusConfig, fresh: Reception, turns: tuple[int, int], counts: dict[str, int], duty: float
 ):
     rows = [command_frame(rig, turn, **both(own, OPEN)) for turn, own in zip(turns, (40.0, 60.0), strict=True)]
@@ -181,7 +181,7 @@ def test_of_two_commands_in_one_read_the_later_holds_unless_its_counter_is_repea
 
 
 @pytest.mark.parametrize(("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)])
-def test_frames_missing_between_two_counters_are_lost(
+def test_frames_missing_between_two_counter_values_count_as_lost(
     rig: Rig, bus: BusConfig, fresh: Reception, last: int, now: int, lost: int
 ):
     reception, counts = take(bus, fresh, command_frame(rig, last))
@@ -191,7 +191,7 @@ def test_frames_missing_between_two_counters_are_lost(
 
 
 @pytest.mark.parametrize(("refused", "now", "lost"), [(2, 3, 0), (4, 5, 2)])  # 2 and 3 never came
-def test_a_refused_frame_that_did_come_in_is_not_lost_and_those_before_it_are(
+def test_a_refused_frame_does_not_count_as_lost_but_missing_ones_before_it_do(
     rig: Rig, bus: BusConfig, fresh: Reception, refused: int, now: int, lost: int
 ):
     bad = command_frame(rig, refused, LeftDuty=102.3)
@@ -200,7 +200,7 @@ def test_a_refused_frame_that_did_come_in_is_not_lost_and_those_before_it_are(
 
 
 @pytest.mark.parametrize(("now", "lost"), [(2, 0), (3, 0), (4, 1), (6, 3)])
-def test_a_frame_whose_counter_cannot_be_read_is_refused_and_not_lost_as_well(
+def test_a_frame_without_a_readable_counter_counts_as_refused_and_not_as_lost(
     rig: Rig, bus: BusConfig, fresh: Reception, now: int, lost: int
 ):
     arbitration_id, data = command_frame(rig, 2)
@@ -212,7 +212,7 @@ def test_a_frame_whose_counter_cannot_be_read_is_refused_and_not_lost_as_well(
     assert counts.lost == lost + 1
 
 
-def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_after_a_time_out_any_counter_value_is_accepted(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(bus, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
     reception, stale = forgotten(bus, reception, 30 * MS)
     assert stale == 1
@@ -223,7 +223,7 @@ def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh
     assert counts.counter == 1
 
 
-def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_values_become_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig, fresh: Reception):
     start = 17 * MS
     reception, _ = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start)
     young, stale = forgotten(bus, reception, start + 30 * MS - 1)
@@ -239,14 +239,14 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig
     assert forgotten(bus, old, start + 60 * MS)[1] == 0
 
 
-def test_a_panels_value_never_goes_stale(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_values_of_the_panel_never_become_stale(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, _ = take(bus, fresh, panel_frame(rig, HandForce=100.0))
     reception, stale = forgotten(bus, reception, 10**15)
     assert stale == 0
     assert value(reception, "hand_force") == pytest.approx(100.0)
 
 
-def test_refused_frames_do_not_keep_a_command_alive(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_refused_frames_do_not_prolong_a_command(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, _ = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     for now in (10 * MS, 20 * MS):
         reception, _ = take(bus, reception, command_frame(rig, 1, **both(40.0, OPEN)), now=now)
@@ -271,7 +271,7 @@ VAL_ 2566844672 Richtung 9 "Auf" 5 "Zu" 0 "Frei" 12 "Unbekannt" ;
 THEIRS = 2566844672 & 0x1FFFFFFF | EXTENDED
 
 
-def test_one_signal_may_serve_both_motors_and_its_sign_is_the_direction(tmp_path: Path):
+def test_one_signal_may_drive_both_motors_with_its_sign_as_direction(tmp_path: Path):
     text = """
 dbc = "their.dbc"
 [inputs]
@@ -305,7 +305,7 @@ timeout_cycles = 2
 
 
 def received(folder: Path, text: str, **values: float) -> tuple[Reception, Counts]:
-    """What is known after one frame of another maker."""
+    """Return the reception and its counts after one frame of a foreign rig."""
     rig = rig_of(folder, DATABASE, text)
     bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Richtung": 3, "Zaehler": 0, **values})
@@ -313,20 +313,20 @@ def received(folder: Path, text: str, **values: float) -> tuple[Reception, Count
 
 
 @pytest.mark.parametrize(("raw", "ours"), [(9, 1.0), (5, 2.0), (0, 0.0), (3, 3.0)])
-def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw: int, ours: float):
+def test_foreign_labels_and_numbers_are_mapped_to_our_enumeration(tmp_path: Path, raw: int, ours: float):
     reception, counts = received(tmp_path, LABELS, Tastgrad=0.5, Richtung=raw)
     assert counts.accepted == 1
     assert value(reception, "left_direction") == ours
 
 
 @pytest.mark.parametrize("raw", [1, 2, 12, 15])
-def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw: int):
+def test_an_unmapped_number_refuses_the_whole_frame(tmp_path: Path, raw: int):
     reception, counts = received(tmp_path, LABELS, Tastgrad=0.5, Richtung=raw)
     assert counts == NO_COUNTS._replace(out_of_range=1)
     assert np.isnan(reception.values).all()
 
 
-def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
+def test_counter_width_and_time_out_of_a_foreign_rig_apply(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, LABELS)
     bus = rig.input_config()
     reception = nothing_received(bus, len(BUS_INPUTS))

@@ -1,4 +1,4 @@
-"""Any database's signals: our receive and transmit against cantools' decode and encode."""
+"""Signals of any database: our receive and transmit against cantools' decode and encode."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAN = float("nan")
 
 
 class Codec(NamedTuple):
-    """Both directions, as Python or as machine code."""
+    """Receive and transmit, as Python or as machine code."""
 
     receive: Callable[..., Counts]
     transmit: Callable[..., Any]
@@ -42,7 +42,7 @@ def codec(request: pytest.FixtureRequest) -> Codec:
 
 
 def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple[Any, Counts]:
-    """The values of one frame."""
+    """Return the values of one frame."""
     quantities = 1 + int(max(bus.signals.quantity, default=0))
     frames = frames_of([(identifier, payload)])
     start = nothing_received(bus, quantities)
@@ -51,7 +51,7 @@ def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple
 
 
 def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
-    """The payload of the only message."""
+    """Return the payload of the only message."""
     _, frames = transmitted(bus, values, call=codec.transmit)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
@@ -59,7 +59,7 @@ def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
 
 @st.composite
 def signals(draw: st.DrawFn, size: int) -> list[Signal]:
-    """Signals side by side in `size` bytes, some Intel, some Motorola, with gaps."""
+    """Draw signals side by side in `size` bytes, some Intel, some Motorola, with gaps."""
     result: list[Signal] = []
     position = 0
     order = ""
@@ -115,13 +115,13 @@ def layout_for(message: Message, sending: bool = False) -> BusConfig:
 
 
 def slack(signal: Signal, raw: float) -> float:
-    """Rounding of raw · factor + offset in double precision."""
+    """Return the rounding error of raw · factor + offset in double precision."""
     return 4e-16 * (abs(raw * signal.scale) + abs(signal.offset))
 
 
 @CALM
 @given(messages(), st.binary(min_size=64, max_size=64))
-def test_what_is_received_is_what_cantools_decodes(codec: Codec, message: Message, payload: bytes):
+def test_received_values_are_those_decoded_by_cantools(codec: Codec, message: Message, payload: bytes):
     payload = payload[: message.length]
     raw = message.decode(payload, decode_choices=False, scaling=False)
     expected = message.decode(payload, decode_choices=False)
@@ -140,7 +140,7 @@ def test_what_is_received_is_what_cantools_decodes(codec: Codec, message: Messag
 
 @CALM
 @given(messages(), st.data())
-def test_what_is_sent_is_what_cantools_encodes(codec: Codec, message: Message, data: st.DataObject):
+def test_sent_frames_are_those_encoded_by_cantools(codec: Codec, message: Message, data: st.DataObject):
     raw: dict[str, float] = {}
     for signal in message.signals:
         if signal.is_float:
@@ -170,7 +170,7 @@ def test_what_is_sent_is_what_cantools_encodes(codec: Codec, message: Message, d
 
 @CALM
 @given(messages(), st.data())
-def test_a_value_comes_back_within_half_a_quantum(codec: Codec, message: Message, data: st.DataObject):
+def test_a_value_reads_back_within_half_a_quantum(codec: Codec, message: Message, data: st.DataObject):
     bus = layout_for(message, sending=True)
     values = []
     for signal in message.signals:
@@ -198,7 +198,7 @@ EXTREMES = (1e3, 1e10, 9e15, 1e18, 1e19, 4e19, 1e30, 1e200, math.inf)
 
 @CALM
 @given(messages(), st.sampled_from(EXTREMES), st.sampled_from((1.0, -1.0)))
-def test_a_value_out_of_range_is_sent_as_the_nearest_limit(
+def test_an_out_of_range_value_is_sent_as_the_nearest_limit(
     codec: Codec, message: Message, size: float, sign: float
 ):
     bus = layout_for(message, sending=True)
@@ -236,7 +236,7 @@ LENGTHS = (1, 7, 8, 16, 24, 31, 32, 33, 53, 54, 63, 64)
 
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("value", [1e30, -1e30, math.inf, -math.inf])
-def test_every_length_clips_to_its_limits(codec: Codec, signed: bool, value: float):
+def test_signals_of_every_length_saturate_at_their_limits(codec: Codec, signed: bool, value: float):
     wrong = {}
     for length in LENGTHS:
         signal = Signal("S0", 0, length, "little_endian", is_signed=signed)
@@ -258,7 +258,7 @@ def test_the_upper_half_of_a_64_bit_unsigned_signal_is_sent(codec: Codec):
     assert int.from_bytes(payload, "little") == 3 << 62
 
 
-def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
+def test_an_unavailable_quantity_is_sent_as_its_start_value(codec: Codec):
     first = Signal("S0", 0, 16, "little_endian", raw_initial=1234)
     second = Signal("S1", 23, 16, "big_endian", is_signed=True, raw_initial=-5)
     message = Message(1, "M", 8, [first, second])
@@ -267,7 +267,7 @@ def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
     assert message.decode(put(codec, bus, [NAN, 7.0])) == {"S0": 1234, "S1": 7}
 
 
-def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
+def test_a_message_without_any_available_quantity_is_not_sent(codec: Codec):
     message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
     bus = layout_for(message, sending=True)
     after, frames = transmitted(bus, [NAN], call=codec.transmit)
@@ -275,7 +275,7 @@ def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
 
 
 @pytest.mark.parametrize(("low", "high"), [(-10, 20), (0, 0), (5, 5)])
-def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(codec: Codec, low: float, high: float):
+def test_the_databases_range_applies_both_ways_and_an_empty_one_is_ignored(codec: Codec, low: float, high: float):
     signal = Signal(
         "S0", 0, 16, "little_endian", is_signed=True, minimum=low, maximum=high,
         conversion=BaseConversion.factory(scale=0.1, offset=0),
@@ -293,7 +293,7 @@ def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(codec: Cod
 
 @pytest.mark.parametrize("length", [24, 32, 40, 48])
 @pytest.mark.parametrize("signed", [False, True])
-def test_a_long_signals_range_is_kept_to_the_last_quantum(codec: Codec, length: int, signed: bool):
+def test_the_range_of_a_long_signal_is_exact_to_the_last_quantum(codec: Codec, length: int, signed: bool):
     limit = 2 ** (length - 2)
     low = -limit if signed else 0
     signal = Signal("S0", 0, length, "little_endian", is_signed=signed, minimum=low, maximum=limit)
@@ -307,7 +307,7 @@ def test_a_long_signals_range_is_kept_to_the_last_quantum(codec: Codec, length: 
 
 @pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
 @pytest.mark.parametrize("length", [32, 64])
-def test_floats_that_are_no_numbers_are_refused(codec: Codec, length: int, bad: float):
+def test_nan_and_infinite_floats_are_refused(codec: Codec, length: int, bad: float):
     conversion = BaseConversion.factory(is_float=True)
     signal = Signal("S0", 0, length, "little_endian", conversion=conversion)
     message = Message(1, "M", 8, [signal])
@@ -316,7 +316,7 @@ def test_floats_that_are_no_numbers_are_refused(codec: Codec, length: int, bad: 
     assert np.isnan(values).all()
 
 
-def test_scale_and_offset_bring_their_unit_to_ours_and_back(codec: Codec):
+def test_scale_and_offset_of_the_rig_convert_both_ways(codec: Codec):
     signal = Signal("S0", 7, 16, "big_endian", conversion=BaseConversion.factory(scale=0.5, offset=-100))
     message = Message(1, "M", 8, [signal])
     wire = SignalMapping("q", "M", "S0", scale=-0.2, offset=3.0)
@@ -356,7 +356,7 @@ def test_a_number_outside_the_mapped_enumeration_is_refused(codec: Codec, raw: i
 
 
 def multiplexed() -> Message:
-    """Two signals that share their bits, and one that is always there."""
+    """A message with two signals that share their bits, and one that is in every frame."""
     return Message(
         0x18FF1234,
         "M",
@@ -374,7 +374,7 @@ def multiplexed() -> Message:
 
 @CALM
 @given(st.binary(min_size=8, max_size=8))
-def test_multiplexed_signals_are_read_only_under_their_own_values(codec: Codec, payload: bytes):
+def test_multiplexed_signals_are_read_only_under_their_own_multiplexer_values(codec: Codec, payload: bytes):
     message = multiplexed()
     mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
     bus = bus_config_of({"M": message}, mappings)
@@ -392,7 +392,7 @@ def test_multiplexed_signals_are_read_only_under_their_own_values(codec: Codec, 
 
 
 @pytest.mark.parametrize(("name", "value"), [("B", -77.0), ("C", 4000.0)])
-def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: str, value: float):
+def test_a_multiplexed_signal_is_sent_with_its_multiplexer_value(codec: Codec, name: str, value: float):
     message = multiplexed()
     bus = bus_config_of({"M": message}, [SignalMapping("B", "M", "B"), SignalMapping("C", "M", "C")], sending=True)
     payload = put(codec, bus, [value if each == name else 0.0 for each in ("B", "C")])
@@ -401,7 +401,7 @@ def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: s
     assert decoded[name] == value
 
 
-def test_a_page_has_the_start_values_of_all_signals_that_are_on_it(codec: Codec):
+def test_a_multiplexer_page_has_the_start_values_of_all_its_signals(codec: Codec):
     own = [
         Signal("Mux", 0, 8, "little_endian", is_multiplexer=True),
         Signal("A", 8, 8, "little_endian", multiplexer_ids=[1], multiplexer_signal="Mux"),
@@ -414,7 +414,7 @@ def test_a_page_has_the_start_values_of_all_signals_that_are_on_it(codec: Codec)
 
 
 def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec):
-    """And everything at once, at the end; what the bus is told so comes back by the same tables."""
+    """At the end all pages are sent at once; the values read back by the same tables."""
     message, names = multiplexed(), ("A", "B", "C")
     mappings = [SignalMapping(name, "M", name) for name in names]
     options = {"M": MessageOptions(cycle_ms=10.0)}
@@ -442,8 +442,8 @@ def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec)
 
 
 @given(st.lists(st.sets(st.integers(0, 5), min_size=1, max_size=3), min_size=1, max_size=6))
-def test_each_signal_is_on_a_page_and_no_page_is_for_nothing(places: list[set[int]]):
-    """Whichever values signals stand under."""
+def test_each_signal_is_on_a_sent_page_and_no_page_is_sent_without_a_signal(places: list[set[int]]):
+    """For signals under any sets of multiplexer values."""
     own = [
         Signal(f"S{k}", 8 + 8 * k, 8, multiplexer_ids=sorted(ids), multiplexer_signal="Mux")
         for k, ids in enumerate(places)
@@ -458,7 +458,7 @@ def test_each_signal_is_on_a_page_and_no_page_is_for_nothing(places: list[set[in
 
 
 @pytest.mark.parametrize("page", [0, 1])
-def test_what_is_held_until_it_is_sent_waits_for_its_page(page: int):
+def test_a_value_held_until_it_is_sent_waits_for_its_multiplexer_page(page: int):
     message = multiplexed()
     mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
     bus = bus_config_of({"M": message}, mappings, sending=True)
@@ -486,7 +486,7 @@ SG_MUL_VAL_ 100 Other Outer 3-3;
 """
 
 
-def test_a_signal_under_two_multiplexers_needs_both(codec: Codec):
+def test_a_signal_under_two_multiplexers_is_read_only_if_both_values_match(codec: Codec):
     message = cantools.database.load_string(NESTED).messages[0]
     bus = bus_config_of({"M": message}, [SignalMapping("Deep", "M", "Deep")])
     there = message.encode({"Outer": 1, "Inner": 2, "Deep": 777})
@@ -497,13 +497,13 @@ def test_a_signal_under_two_multiplexers_needs_both(codec: Codec):
     assert np.isnan(take(codec, bus, 100, elsewhere)[0][0])
 
 
-def test_a_signal_under_two_multiplexers_is_sent_with_both(codec: Codec):
+def test_a_signal_under_two_multiplexers_is_sent_with_both_values(codec: Codec):
     message = cantools.database.load_string(NESTED).messages[0]
     bus = bus_config_of({"M": message}, [SignalMapping("Deep", "M", "Deep")], sending=True)
     assert message.decode(put(codec, bus, [777.0])) == {"Outer": 1, "Inner": 2, "Deep": 777}
 
 
-def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checksum():
+def test_a_64_byte_message_with_a_29_bit_identifier_has_counter_and_checksum():
     message = Message(
         0x1ABCDEF0, "M", 64,
         [Signal("Value", 503, 16, "big_endian"), Signal("Alive", 0, 4, "little_endian"),

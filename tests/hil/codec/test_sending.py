@@ -1,4 +1,4 @@
-"""Cycle and time-out of a message by its send type, its cycle in the database, and the rig."""
+"""Cycle and time-out of a message from its send type, its cycle in the database, and the rig."""
 
 from __future__ import annotations
 
@@ -59,26 +59,26 @@ def sent(name: str) -> Message:
         ("EnabledPeriodic", SendType.IF_ACTIVE),
     ],
 )
-def test_the_names_of_send_types_mean_what_makers_mean(name: str, meant: SendType):
+def test_send_type_names_have_the_meaning_that_makers_give_them(name: str, meant: SendType):
     found = sent(name)
     assert send_type_of(found, BY_DATABASE) is meant
     assert cycle_of(found, BY_DATABASE) == (0.0 if meant is SendType.EVENT else 100.0)
     assert timeout_of(found, BY_DATABASE) == (300.0 if meant is SendType.CYCLIC else 0.0)
 
 
-def test_the_default_cycle_is_that_of_a_message_without_a_send_type():
+def test_a_message_without_a_send_type_has_the_default_cycle():
     assert cycle_of(message(), BY_DATABASE) == 100.0
     assert timeout_of(message(), BY_DATABASE) == 300.0
     assert cycle_of(message('BA_ "GenMsgCycleTime" BO_ 1 0;\n'), BY_DATABASE) == 0.0
 
 
-def test_a_default_send_type_counts_and_an_own_one_before_it():
+def test_a_default_send_type_applies_unless_the_message_has_its_own():
     default = TYPE.format(name="Cyclic").replace('"Other"', '"OnChange"')
     assert send_type_of(message(default), BY_DATABASE) is SendType.EVENT
     assert send_type_of(message(default + 'BA_ "GenMsgSendType" BO_ 1 0;\n'), BY_DATABASE) is SendType.CYCLIC
 
 
-def test_the_cycle_of_the_rig_makes_an_event_message_cyclic():
+def test_a_cycle_in_the_rig_makes_an_event_message_cyclic():
     own = MessageOptions(cycle_ms=20.0)
     assert (cycle_of(sent("OnChange"), own), timeout_of(sent("OnChange"), own)) == (20.0, 60.0)
 
@@ -93,7 +93,7 @@ def test_the_cycle_of_the_rig_makes_an_event_message_cyclic():
         ((4, 4), SendType.CYCLIC),
     ],
 )
-def test_without_a_send_type_of_the_message_those_of_its_signals_count(types: tuple[int, int], meant: SendType):
+def test_a_message_without_a_send_type_takes_it_from_its_signals(types: tuple[int, int], meant: SendType):
     own = [f'BA_ "GenSigSendType" SG_ 1 {name} {number};\n' for name, number in zip("ST", types, strict=True)]
     signals = SIGNALS + "".join(own)
     assert send_type_of(message(signals), BY_DATABASE) is meant

@@ -1,4 +1,4 @@
-"""What the evaluator makes of a condition, against an evaluation of our own."""
+"""Evaluation of conditions, against an independent evaluation."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def evaluated(text: str, known: list[dict[str, float]], call: Any = evaluate) ->
 @CALM
 @given(FORMULAS, st.lists(st.lists(VALUES, min_size=5, max_size=5), min_size=1, max_size=4))
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_random_formulas_have_the_truth_and_the_margin_of_an_evaluation_of_our_own(
+def test_random_conditions_have_the_truth_and_margin_of_an_independent_evaluation(
     formula: Made, values: list[list[float]]
 ) -> None:
     text, value = formula
@@ -58,7 +58,7 @@ def test_random_formulas_have_the_truth_and_the_margin_of_an_evaluation_of_our_o
         ("abs(1 - time_s) == 1", True),
     ],
 )
-def test_what_binds_tighter(text: str, truth: bool) -> None:
+def test_operators_have_their_documented_precedence(text: str, truth: bool) -> None:
     known = {"time_s": 2.0, "latched": 0.0, "sensed.latched": 0.0, "Msg.A": 0.0, "Other.B": 0.0}
     truths, _, _ = evaluated(text, [known])
     assert truths[0] == truth
@@ -74,7 +74,7 @@ def test_what_binds_tighter(text: str, truth: bool) -> None:
         ("time_s <= 2 and 2 >= time_s", 0),  # of two that are alike the first one
     ],
 )
-def test_of_comparisons_with_the_same_margin_that_which_makes_the_truth_decides(text: str, decides: int) -> None:
+def test_of_comparisons_with_equal_margins_the_one_that_sets_the_truth_decides(text: str, decides: int) -> None:
     known = {"time_s": 2.0, "latched": 0.0, "sensed.latched": 0.0, "Msg.A": 0.0, "Other.B": 0.0}
     for call in (evaluate, compiled(evaluate)):
         _, margins, deciders = evaluated(text, [known], call)
@@ -82,7 +82,7 @@ def test_of_comparisons_with_the_same_margin_that_which_makes_the_truth_decides(
         assert deciders[0] == decides
 
 
-def test_the_margin_has_the_unit_of_the_comparison_that_decides() -> None:
+def test_the_margin_has_the_unit_of_the_deciding_comparison() -> None:
     text = "gate_angle_deg > 20 and left_current_a < 5"
     condition = parsed(text, {})
     assert condition.units == ("deg", "A")

@@ -1,4 +1,4 @@
-"""The text of a condition: what it is taken for, and what is told of one that is none."""
+"""Parsing of conditions: units, and messages for invalid texts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from liftgate_hil.plan.setup import rig_from
         ("latched == 1", ""),
     ],
 )
-def test_units_of_products(text: str, unit: str) -> None:
+def test_products_and_quotients_have_derived_units(text: str, unit: str) -> None:
     assert parsed(text, {}).units == (unit,)
 
 
@@ -73,7 +73,7 @@ def test_units_of_products(text: str, unit: str) -> None:
         ("latched == open", "open: no such column; allowed: 0, which is open of latched"),
     ],
 )
-def test_what_is_wrong_is_reported(text: str, said: str) -> None:
+def test_an_invalid_condition_is_reported(text: str, said: str) -> None:
     with pytest.raises(ValueError, match=r"allowed|expected") as caught:
         parsed(text, PARAMETERS)
     assert said in str(caught.value)
@@ -81,14 +81,14 @@ def test_what_is_wrong_is_reported(text: str, said: str) -> None:
 
 @CALM
 @given(st.text(alphabet="abs()andornt $p.<>=!+-*/01e_gM\n\té", max_size=40))
-def test_any_text_is_a_condition_or_a_clear_mistake(text: str) -> None:
+def test_any_text_is_parsed_or_refused_with_a_message(text: str) -> None:
     with contextlib.suppress(ValueError):
         parsed(text, PARAMETERS)
 
 
 @pytest.mark.parametrize("operand", ["time_s", "2.5", "LeftDrive.MotorCurrent"])
-def test_more_values_at_once_than_the_evaluator_has_room_for_are_refused(operand: str) -> None:
-    """Each pair of parentheses that opens before an operator leaves one value waiting."""
+def test_conditions_nested_too_deeply_for_the_evaluator_are_refused(operand: str) -> None:
+    """Each pair of parentheses opened before an operator leaves one value on the evaluator's stack."""
     messages = rig_from("liftgate").messages
 
     def waiting(count: int) -> str:
@@ -110,7 +110,7 @@ def _is_taken(text: str, messages: Any) -> bool:
     return True
 
 
-def test_signals_are_looked_up_where_there_is_a_database() -> None:
+def test_unknown_signals_are_reported_with_similar_ones_of_the_database() -> None:
     messages = rig_from("liftgate").messages
     with pytest.raises(ValueError, match=r"open: no such column; allowed: 1, which is open of DriveCommand\."):
         parsed("DriveCommand.LeftDirection == open", {}, messages)

@@ -1,4 +1,4 @@
-"""Lines of a text with a few mistakes in them."""
+"""Random damage to the lines of a text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SIGNS = '0123456789-+|@()[]",. MmZ:;xé%°_'
 
 
 def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[str]:
-    """The lines with up to three mistakes: one lost, one twice, another sign, number or word."""
+    """Return the lines with up to three random mistakes: lost or doubled lines, changed characters or words."""
     lines = list(lines)
     for _ in range(chance.randint(1, 3)):
         at = chance.randrange(len(lines))

@@ -1,4 +1,4 @@
-"""Files that are wrong in ways nobody thought of: a ConfigError or a good result, never anything else."""
+"""Randomly damaged files: a ConfigError or a valid result, never another exception."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def mutated(chance: random.Random, content: dict[str, Any]) -> dict[str, Any]:
         ("tests/system/foreign/foreign.toml", load_rig, 400),
     ],
 )
-def test_a_corrupt_file_is_refused_or_read(
+def test_a_damaged_file_is_refused_or_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, load: Callable[[Path], Any], count: int
 ):
     known: dict[Path, Any] = {}
@@ -97,7 +97,7 @@ def test_a_corrupt_file_is_refused_or_read(
         ("tests/system/foreign/foreign.dbc", "tests/system/foreign/foreign.toml", 200),
     ],
 )
-def test_a_corrupt_database_is_refused_or_read(tmp_path: Path, database: str, rig: str, count: int):
+def test_a_damaged_database_is_refused_or_read(tmp_path: Path, database: str, rig: str, count: int):
     text = (ROOT / database).read_text(encoding="utf-8")
     lines, words = text.splitlines(), re.findall(r"\w+", text)
     path = tmp_path / "rig.toml"

@@ -1,4 +1,4 @@
-"""What a user may name instead of a file, or have in one: one clear message, soon."""
+"""Names that are no files, and extreme file contents: one clear message, without delay."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from liftgate_hil.errors import MOST, ConfigError, ConfigIssues, TransportError,
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_content(tmp_path: Path):
+def test_a_byte_order_mark_is_ignored(tmp_path: Path):
     path = tmp_path / "v.toml"
     path.write_bytes(b"\xef\xbb\xbfdrives = 2\r\n")
     assert read_toml(path) == {"drives": 2}
@@ -37,7 +37,7 @@ def test_a_byte_order_mark_is_no_part_of_the_content(tmp_path: Path):
         (lambda path: path.symlink_to(path.with_name("gone")), "a link to no file"),
     ],
 )
-def test_what_is_no_file_is_reported_as_what_it_is(tmp_path: Path, make: Callable[[Path], Any], said: str):
+def test_a_folder_pipe_or_link_loop_is_reported_as_such(tmp_path: Path, make: Callable[[Path], Any], said: str):
     path = tmp_path / "x.toml"
     make(path)
     for load in LOADERS:
@@ -49,19 +49,19 @@ def test_what_is_no_file_is_reported_as_what_it_is(tmp_path: Path, make: Callabl
 
 
 @pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".toml"])
-def test_a_name_longer_than_any_file_is_reported_as_such(name: str):
+def test_a_too_long_file_name_is_reported_as_such(name: str):
     (issue,) = issues_of(find_config, "vehicles", name)
     assert "File name too long" in issue
     assert len(issue) < 150
 
 
 @pytest.mark.parametrize("name", ["x\0y.toml", "\udcff.toml", "none", "none.toml", "none/none"])
-def test_a_name_of_no_file_is_reported_as_such(tmp_path: Path, name: str):
+def test_a_name_without_a_file_is_reported_as_such(tmp_path: Path, name: str):
     (issue,) = issues_of(find_config, "vehicles", name)
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
 
-def test_a_file_of_nearly_the_same_name_is_proposed(tmp_path: Path):
+def test_a_file_with_a_similar_name_is_suggested(tmp_path: Path):
     (tmp_path / "test_reverses.toml").touch()
     for name in ("test_closes.toml", "test_reverses.csv"):
         (tmp_path / name).touch()
@@ -71,7 +71,7 @@ def test_a_file_of_nearly_the_same_name_is_proposed(tmp_path: Path):
     assert "no such file; allowed: a file, or" in issue
 
 
-def test_the_database_of_a_rig_is_reported_alike(tmp_path: Path):
+def test_an_unreadable_database_of_a_rig_is_reported_with_the_cause(tmp_path: Path):
     rig = text_file(tmp_path / "r.toml", 'dbc = "x.dbc"\n')
     (tmp_path / "x.dbc").symlink_to(tmp_path / "x.dbc")
     (issue,) = issues_of(load_rig, rig)
@@ -79,7 +79,7 @@ def test_the_database_of_a_rig_is_reported_alike(tmp_path: Path):
 
 
 def soon(load: Callable[[Path], Any], path: Path) -> list[str]:
-    """Its faults; a square of the number of keys takes minutes of this process's time."""
+    """Return the issues of a file, within a time that a quadratic effort in its keys would exceed."""
     before = time.process_time()
     issues = issues_of(load, path)
     assert time.process_time() - before < 10.0
@@ -87,7 +87,7 @@ def soon(load: Callable[[Path], Any], path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path], Any]):
+def test_a_huge_number_of_unknown_keys_is_counted_and_not_listed(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "x.toml", "".join(f"k{i}=1\n" for i in range(100_000)))
     issues = soon(load, path)
     assert len([issue for issue in issues if ": unknown key; allowed" in issue]) == 20
@@ -109,7 +109,7 @@ def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path
     ],
     ids=["50,000 parts", "quoted", "3,000 tables", "a table too many", "lists", "7 MB", "one key"],
 )
-def test_what_is_too_deep_or_too_large_is_reported_at_once(
+def test_too_deep_or_too_large_content_is_reported_without_delay(
     tmp_path: Path, load: Callable[[Path], Any], content: str
 ):
     path = text_file(tmp_path / "x.toml", content)
@@ -118,12 +118,12 @@ def test_what_is_too_deep_or_too_large_is_reported_at_once(
         assert len(issue) < 1000
 
 
-def test_dots_in_a_text_or_a_list_are_no_deep_key(tmp_path: Path):
+def test_dots_in_texts_and_lists_do_not_count_as_nested_keys(tmp_path: Path):
     path = text_file(tmp_path / "x.toml", f'a = "{"1. " * 50}"\nb = [{"1.5, " * 50}]\n')
     assert len(read_toml(path)["b"]) == 50
 
 
-def test_no_control_character_reaches_a_terminal(tmp_path: Path):
+def test_control_characters_are_escaped_in_messages(tmp_path: Path):
     path = text_file(tmp_path / "v\x1b[31m.toml", '"\\u001b]0;owned\\u0007" = 1\n"a\\nb\\u202e" = "\\u009b2J"\n')
     issues = issues_of(load_vehicle, path)
     assert any("\\x1b]0;owned\\x07" in issue for issue in issues)
@@ -131,12 +131,12 @@ def test_no_control_character_reaches_a_terminal(tmp_path: Path):
     assert str(TransportError("a\nb\x07")) == "a\nb\\x07"
 
 
-def test_a_message_with_a_line_break_in_a_name_stays_one_message_across_processes():
+def test_line_breaks_in_names_stay_escaped_when_an_error_is_pickled():
     error = ConfigError(["one\ntwo", "three"])
     assert pickle.loads(pickle.dumps(error)).issues == ["one\\ntwo", "three"]
 
 
-def test_more_faults_than_anyone_reads_are_counted():
+def test_issues_beyond_a_maximum_are_counted_and_not_listed():
     issues = ConfigIssues("file")
     for i in range(1000):
         issues.add(f"k{i}", "wrong")

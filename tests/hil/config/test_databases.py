@@ -1,4 +1,4 @@
-"""Databases of other formats and encodings, and files that are none."""
+"""Databases of other formats and encodings, and files that are no databases."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def issues_with(folder: Path, name: str) -> list[str]:
 
 
 @pytest.mark.parametrize("suffix", ["kcd", "KCD"])
-def test_the_same_bus_as_kcd_gives_the_same_tables(tmp_path: Path, suffix: str):
+def test_the_shipped_database_as_kcd_gives_the_same_tables(tmp_path: Path, suffix: str):
     (tmp_path / f"ours.{suffix}").write_text(OURS.as_kcd_string(), encoding="utf-8")
     other, own = (
         load_rig(text_file(tmp_path / "r.toml", RIG.format(name=name) + CYCLES))
@@ -92,7 +92,7 @@ Var=Current float 32,32 /u:mA
 """
 
 
-def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_other_keywords(tmp_path: Path):
+def test_a_sym_file_of_version_5_is_read_like_version_6(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM_5, encoding="cp1252")
     messages = messages_in(tmp_path / "their.sym")
     command, out = messages["Cmd"], messages["Out"]
@@ -106,7 +106,7 @@ def test_a_sym_of_version_5_is_read_like_one_of_6_where_the_same_lines_have_othe
     assert messages.notes == ("identifiers of more than 11 bits, not marked as of 29, are taken as such: Out",)
 
 
-def test_a_sym_is_read_with_its_units_and_cycles(tmp_path: Path):
+def test_a_sym_file_is_read_with_its_units_and_cycles(tmp_path: Path):
     (tmp_path / "their.sym").write_text(SYM, encoding="cp1252")
     rig = load_rig(text_file(tmp_path / "r.toml", f'dbc = "their.sym"\n{WIRED}'))
     assert (rig.outputs[0].unit, rig.outputs[0].scale) == ("mA", 0.001)
@@ -132,7 +132,7 @@ ARXML = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def arxml(messages: list[tuple[str, int, str, str, float]]) -> str:
-    """Messages of one signal each: message, identifier, signal, unit, factor."""
+    """Return an ARXML with messages of one signal each: message, identifier, signal, unit, factor."""
     parts: dict[str, list[str]] = {each: [] for each in ("methods", "signals", "pdus", "frames", "triggerings")}
     for message, identifier, signal, unit, factor in messages:
         parts["methods"].append(
@@ -182,7 +182,7 @@ def arxml(messages: list[tuple[str, int, str, str, float]]) -> str:
     return ARXML.format(**{name: "\n".join(each) for name, each in parts.items()})
 
 
-def test_an_arxml_is_read_with_its_units(tmp_path: Path):
+def test_an_arxml_file_is_read_with_its_units(tmp_path: Path):
     content = arxml([("Cmd", 256, "Duty", "pct", 0.01), ("Out", 512, "Current", "mA", 10.0)])
     (tmp_path / "their.arxml").write_text(content, encoding="utf-8")
     cycles = "[messages]\nCmd.cycle_ms = 10\nOut.cycle_ms = 10\n"
@@ -205,7 +205,7 @@ BO_ 512 Out: 8 Gate
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
-def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encoding: str):
+def test_non_ascii_letters_are_read_in_every_encoding(tmp_path: Path, encoding: str):
     (tmp_path / "their.dbc").write_bytes(LABELLED.replace("\n", "\r\n").encode(encoding))
     path = text_file(
         tmp_path / "r.toml",
@@ -230,7 +230,7 @@ def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encodin
         ("x.sym", "cannot be read"),
     ],
 )
-def test_what_is_no_can_database_is_reported_as_what_it_is(tmp_path: Path, name: str, said: str):
+def test_a_file_that_is_no_can_database_is_reported_with_its_kind(tmp_path: Path, name: str, said: str):
     (tmp_path / name).write_text("something else")
     (issue,) = issues_with(tmp_path, name)
     assert said in issue
@@ -255,7 +255,7 @@ XML = b'<?xml version="1.0"?>\n'
         ("x.sym", SYM.replace("6.0", "4.0").encode(), "cannot be read: its version is neither"),
     ],
 )
-def test_a_file_of_another_kind_under_our_ending_is_named(tmp_path: Path, name: str, content: bytes, said: str):
+def test_the_true_kind_of_a_misnamed_file_is_reported(tmp_path: Path, name: str, content: bytes, said: str):
     (tmp_path / name).write_bytes(content)
     (issue,) = issues_with(tmp_path, name)
     assert f"{tmp_path / name}: {said}" in issue
@@ -278,7 +278,7 @@ def test_a_database_without_messages_is_reported(tmp_path: Path):
         ("(0.1,0) [-1e400|1e400]", ""),  # no limit
     ],
 )
-def test_numbers_beyond_what_a_float_holds_are_reported(tmp_path: Path, numbers: str, what: str) -> None:
+def test_factors_offsets_and_ranges_beyond_a_float_are_reported(tmp_path: Path, numbers: str, what: str) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     before = "PinchForce : 0|16@1+ (0.1,0) [0|6553.5]"
     assert source.count(before) == 1
@@ -288,7 +288,7 @@ def test_numbers_beyond_what_a_float_holds_are_reported(tmp_path: Path, numbers:
     assert messages.left_out.get("BenchStatus", "").startswith(f"PinchForce: {what} " if what else "")
 
 
-def test_a_label_of_a_number_beyond_what_a_float_holds_is_reported(tmp_path: Path) -> None:
+def test_a_label_for_a_number_beyond_a_float_is_reported(tmp_path: Path) -> None:
     source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
     path = text_file(tmp_path / "theirs.dbc", f'{source}\nVAL_ 544 LatchState 1{"0" * 400} "far" ;\n')
     messages = messages_in(path)
@@ -300,7 +300,7 @@ FAR = 10_485_750  # bits; cantools takes time with their square
 
 @pytest.mark.parametrize("kind", ["dbc", "kcd", "sym"])
 @pytest.mark.parametrize("what", ["place", "length"])
-def test_a_signal_far_behind_its_message_is_reported_at_once(tmp_path: Path, kind: str, what: str):
+def test_a_signal_far_beyond_its_message_is_reported_without_delay(tmp_path: Path, kind: str, what: str):
     text = {"dbc": OURS.as_dbc_string, "kcd": OURS.as_kcd_string, "sym": OURS.as_sym_string}[kind]()
     known = {
         "dbc": {"place": ("10|10@1+", f"{FAR}|10@1+"), "length": ("10|10@1+", f"10|{FAR}@1+")},

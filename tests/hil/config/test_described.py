@@ -1,4 +1,4 @@
-"""Records of described fields: as arguments of a function, as values together, as a signature."""
+"""Records of described fields: validation, equality, and the signatures of commands that take them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 
 
 class Request(Record, kw_only=False):
-    """Request to draw a rod."""
+    """An example record: a request to draw a rod."""
 
     source: Annotated[str | Path, Field(File(), "a recording", metavar="FILE")]
     angle_deg: Annotated[float, Field(Number(0.0, 90.0, "deg"), "angle of the rod", metavar="DEG")] = 35.0
@@ -26,11 +26,11 @@ class Request(Record, kw_only=False):
 
 @command(Request)
 def draw(request: Request) -> str:
-    """Return a request in words."""
+    """Return a request as text."""
     return f"{request.source} {request.angle_deg:g} {','.join(request.names)} {request.title}"
 
 
-def test_arguments_are_read_as_their_kinds_read_them() -> None:
+def test_arguments_are_converted_to_the_types_of_their_fields() -> None:
     found = Request.of("run.csv", angle_deg=10, names=["a", "b"])
     assert found.source == Path("run.csv")
     assert isinstance(found.angle_deg, float)
@@ -50,21 +50,21 @@ def test_arguments_are_read_as_their_kinds_read_them() -> None:
         ({"is_small": True}, "`is_small` True: allowed: together with `title`"),
     ],
 )
-def test_an_argument_that_is_not_allowed_is_refused_with_what_is(given: Any, message: str) -> None:
+def test_an_invalid_argument_is_refused_with_the_allowed_values(given: Any, message: str) -> None:
     assert issues_of(Request.of, **{"source": "run.csv", **given}) == [message]
 
 
-def test_what_another_argument_needs_may_be_given_with_it() -> None:
+def test_an_argument_may_be_given_together_with_the_one_that_it_requires() -> None:
     assert Request.of("run.csv", title="x", is_small=True).is_small
 
 
 @pytest.mark.parametrize("given", [{}, {"source": "run.csv", "angel_deg": 3}])
-def test_arguments_that_are_no_fields_or_are_missing_are_an_error_of_the_call(given: Any) -> None:
+def test_unknown_or_missing_arguments_raise_type_error(given: Any) -> None:
     with pytest.raises(TypeError):
         Request.of(**given)
 
 
-def test_a_command_takes_arguments_or_its_request() -> None:
+def test_a_command_accepts_arguments_or_a_request_record() -> None:
     assert draw("run.csv", 10.0) == "run.csv 10  None"
     assert draw(source="run.csv", title="x") == "run.csv 35  x"
     assert draw(Request(source="run.csv", names=("a",))) == "run.csv 35 a None"
@@ -72,7 +72,7 @@ def test_a_command_takes_arguments_or_its_request() -> None:
         draw(Request(source="run.csv", angle_deg=91.0))
 
 
-def test_a_command_has_the_signature_of_its_request_and_the_text_of_its_function() -> None:
+def test_a_command_has_the_parameters_of_its_request_and_the_docstring_of_its_function() -> None:
     assert list(inspect.signature(draw).parameters) == ["source", "angle_deg", "names", "title", "is_small"]
     assert inspect.signature(draw).parameters["angle_deg"].default == 35.0
     text = inspect.getdoc(draw)
@@ -84,7 +84,7 @@ def test_a_command_has_the_signature_of_its_request_and_the_text_of_its_function
         draw("run.csv", angel_deg=3)  # type: ignore[call-overload]
 
 
-def test_records_are_equal_by_their_values_and_show_what_is_not_the_default() -> None:
+def test_records_are_equal_by_value_and_their_repr_omits_defaults() -> None:
     one = Request(source=Path("a"), angle_deg=35.0)
     assert one == Request(source=Path("a"))
     assert one != one.replaced(angle_deg=36.0)
@@ -92,7 +92,7 @@ def test_records_are_equal_by_their_values_and_show_what_is_not_the_default() ->
     assert repr(one.replaced(title="x")) == f"Request(source={Path('a')!r}, title='x')"
 
 
-def test_a_default_is_told_in_words() -> None:
+def test_defaults_are_described_as_text() -> None:
     assert {each.name: each.default_text for each in fields_of(Request)} == {
         "source": "required", "angle_deg": "35", "names": "", "title": "the file's name", "is_small": "false",
     }  # fmt: skip

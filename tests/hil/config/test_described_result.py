@@ -1,4 +1,4 @@
-"""A described result: what is shown is in JSON and in the reference, and nothing else."""
+"""A described result: exactly the fields marked as shown are in its JSON and in the reference."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ WHOLE = Whole(
 )
 
 
-def test_what_is_shown_is_in_json() -> None:
+def test_exactly_the_shown_fields_are_in_the_json() -> None:
     assert WHOLE.to_dict() == {
         "parts": {
             "a": {"size": None, "errors": {"x": {"rest": {"rms": 0.5, "small": True}}}},
@@ -61,7 +61,7 @@ def test_what_is_shown_is_in_json() -> None:
     assert json.loads(WHOLE.to_json()) == WHOLE.to_dict()
 
 
-def test_the_reference_has_a_row_for_each_key() -> None:
+def test_the_reference_describes_each_json_key() -> None:
     assert keys_of(Whole) == {
         "parts": "parts",
         "parts.NAME": "a part",
@@ -82,7 +82,7 @@ def test_the_reference_has_a_row_for_each_key() -> None:
     assert not [key for key in keys_of(Whole, [Part]) if key.startswith("parts.NAME.")]
 
 
-def test_plain_values_stay_as_they_are() -> None:
+def test_plain_values_are_converted_to_json_types() -> None:
     assert json_of({1: [Path("a"), np.float64(2.0), np.bool_(True), None, "x", -math.inf]}) == {
         "1": ["a", 2.0, True, None, "x", None]
     }

@@ -1,4 +1,4 @@
-"""Keys of trouble codes in scenarios, and of [diagnostics] in rigs: what is allowed, and all faults at once."""
+"""Keys of trouble codes in scenarios and of [diagnostics] in rigs: allowed values, and all issues at once."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def expect(folder: Path, text: str) -> Path:
 
 
 def check_issues(load: Callable[[Path], object], path: Path, prefix: str, expected: list[str]) -> None:
-    """That a file has these issues and no others, each with this before it."""
+    """Check that a file has these issues and no others, each after this prefix."""
     told = [line.removeprefix(prefix) for line in issues_of(load, path)]
     assert len(told) == len(expected), told
     assert all(line.startswith(issue) for line, issue in zip(told, expected, strict=True)), told
 
 
-def test_a_trouble_code_is_expected_present_or_absent(tmp_path: Path) -> None:
+def test_an_expectation_may_want_a_trouble_code_present_or_absent(tmp_path: Path) -> None:
     path = expect(tmp_path, 'dtc = "B1A01-62"\nstate = "absent"\nafter = 2\nwithin_s = 0.5')
     (found,) = load_scenario(path).expectations
     assert found == Expectation("x", "dtc", "B1A01-62", 2.0, 0.5, 0.0, "expect[0]", "absent")
@@ -57,7 +57,7 @@ _STATES = "one of present, absent"
         ('state = "present"', ["expect[0]: nothing; allowed: one of always, eventually, never, dtc"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_an_expectation_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
+def test_invalid_keys_of_a_code_expectation_are_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = expect(tmp_path, text)
     check_issues(load_scenario, path, f"{path}: ", issues)
 
@@ -67,7 +67,7 @@ def rig(folder: Path, diagnostics: str) -> Path:
     return text_file(folder / "rig.toml", f"{text}[diagnostics]\n{diagnostics}\n")
 
 
-def test_identifiers_are_messages_or_numbers(tmp_path: Path) -> None:
+def test_diagnostic_identifiers_are_message_names_or_numbers(tmp_path: Path) -> None:
     named = load_rig(rig(tmp_path, 'request = "GateTestRequest"\nresponse = "GateTestResponse"'))
     names = ("GateTestRequest", "GateTestResponse")
     assert named.diagnostics == Diagnostics(0x7A0, 0x7A8, names=names)
@@ -106,12 +106,12 @@ _WHO = "a message of the database, or an identifier, 0 to 536870911, above 0x7FF
           "status_mask: 0; allowed: a whole number from 1 to 255", "clear: 1; allowed: true or false"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_diagnostics_is_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
+def test_invalid_diagnostics_keys_are_reported(tmp_path: Path, text: str, issues: list[str]) -> None:
     path = rig(tmp_path, text)
     check_issues(load_rig, path, f"{path}: diagnostics.", issues)
 
 
-def test_no_table_is_reported(tmp_path: Path) -> None:
+def test_diagnostics_that_is_no_table_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     text = find_config("rigs", "liftgate").read_text().split("[diagnostics]")[0]
     path.write_text(text.replace("\n[inputs]", "\ndiagnostics = 5\n[inputs]"))
@@ -119,7 +119,7 @@ def test_no_table_is_reported(tmp_path: Path) -> None:
         load_rig(path)
 
 
-def test_rig_check_shows_how_the_ecu_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_rig_check_lists_the_diagnostic_identifiers_and_timing(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rig", "check", "liftgate"]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("diag")]
     assert line == (

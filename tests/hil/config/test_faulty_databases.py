@@ -1,4 +1,4 @@
-"""Databases with faults: what is faulty is left out and named, and refused only where the rig uses it."""
+"""Databases with faults: faulty messages are left out and named, and refused only where the rig uses them."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ FAULTY = {
 
 
 @pytest.mark.parametrize(("line", "why"), FAULTY.items())
-def test_a_fault_in_a_message_that_the_rig_does_not_use_is_a_note_and_one_in_a_message_of_its_own_is_refused(
+def test_a_faulty_message_is_a_note_if_the_rig_does_not_use_it_and_an_issue_if_it_does(
     tmp_path: Path, line: str, why: str
 ):
     messages = loaded(tmp_path, f"{HEAD}{line}\n{TAIL}")
@@ -106,9 +106,7 @@ DESCRIBING = {
 
 
 @pytest.mark.parametrize(("line", "note"), DESCRIBING.items())
-def test_a_faulty_line_that_defines_no_message_is_left_out_and_named_with_its_number(
-    tmp_path: Path, line: str, note: str
-):
+def test_a_faulty_line_outside_a_message_is_left_out_with_its_line_number(tmp_path: Path, line: str, note: str):
     messages = loaded(tmp_path, f'{HEAD}CM_ "of the bus";\n{line}\n{TAIL}')
     assert [*messages] == ["Cmd", "Sens", "Faults"]
     (said,) = messages.notes
@@ -118,7 +116,7 @@ def test_a_faulty_line_that_defines_no_message_is_left_out_and_named_with_its_nu
     assert messages["Faults"].signals[0].choices == {1: "Open"}
 
 
-def test_a_comment_of_several_lines_is_one_whatever_its_lines_begin_with(tmp_path: Path):
+def test_a_multi_line_comment_is_not_mistaken_for_statements(tmp_path: Path):
     fault = "CM_ SG_ 287 ;\n"
     comment = 'CM_ BO_ 832 "first\nBO_ 500 Commented: 8 ECU\n SG_ Out : 0|8@1+ (1,0) [0|1] x\n";\n'
     messages = loaded(tmp_path, HEAD + comment + fault + TAIL)
@@ -127,7 +125,7 @@ def test_a_comment_of_several_lines_is_one_whatever_its_lines_begin_with(tmp_pat
     assert messages.notes == ("line 17: CM_ is not understood from “;” on: left out",)
 
 
-def test_the_last_statement_of_a_file_that_was_cut_is_not_dropped_without_a_word(tmp_path: Path):
+def test_a_truncated_last_statement_is_reported(tmp_path: Path):
     messages = loaded(
         tmp_path, HEAD + TAIL + 'BO_ 900 Last: 8 Gate\n SG_ Whole : 0|8@1+ (1,0) [0|9] "" ECU\n SG_ Cu'
     )
@@ -137,12 +135,12 @@ def test_the_last_statement_of_a_file_that_was_cut_is_not_dropped_without_a_word
 TAKEN = "identifiers of more than 11 bits, not marked as of 29, are taken as such"
 
 
-def test_an_identifier_beyond_29_bits_is_named_with_the_line_of_its_message(tmp_path: Path):
+def test_an_identifier_beyond_29_bits_is_reported_with_its_line(tmp_path: Path):
     messages = loaded(tmp_path, HEAD.replace("BO_ 287", "BO_ 1075054137") + TAIL.replace("287", "1075054137"))
     assert messages.left_out["Faults"].startswith("line 11: BO_: its identifier 0x40140639 is more than 11 bits")
 
 
-def test_an_identifier_that_only_29_bits_can_hold_is_of_29_bits_whether_marked_so_or_not(tmp_path: Path):
+def test_an_identifier_of_more_than_11_bits_is_taken_as_extended_even_if_not_marked(tmp_path: Path):
     tail = TAIL + 'CM_ SG_ 274923520 FaultCode "of the drive";\nBA_ "GenMsgCycleTime" BO_ 274923520 50;\n'
     messages = loaded(tmp_path, HEAD.replace("BO_ 287", "BO_ 274923520") + tail.replace("287", "274923520"))
     assert [*messages] == ["Cmd", "Sens", "Faults"]
@@ -153,7 +151,7 @@ def test_an_identifier_that_only_29_bits_can_hold_is_of_29_bits_whether_marked_s
     assert messages.notes == (f"{TAKEN}: Faults",)
 
 
-def test_two_messages_whose_identifiers_differ_in_the_mark_of_29_bits_only_are_not_told_apart(tmp_path: Path):
+def test_two_messages_that_differ_only_in_the_extended_flag_are_both_left_out(tmp_path: Path):
     twice = "".join(f"BO_ {number} {name}: 1 Gate\n" for number, name in ((2048, "A"), (2048 + (1 << 31), "B")))
     messages = loaded(tmp_path, HEAD + twice + TAIL)
     assert messages.left_out == {
@@ -161,7 +159,7 @@ def test_two_messages_whose_identifiers_differ_in_the_mark_of_29_bits_only_are_n
     }  # fmt: skip
 
 
-def test_an_attribute_whose_definition_contradicts_itself_costs_no_message(tmp_path: Path):
+def test_an_attribute_with_a_contradictory_definition_does_not_cost_a_message(tmp_path: Path):
     # cantools takes the send type for a text.
     more = (
         'BA_DEF_ BO_ "GenMsgSendType" INT 0 9;\nBA_DEF_DEF_ "GenMsgSendType" 1;\nBA_ "GenMsgSendType" BO_ 832 2;\n'
@@ -174,7 +172,7 @@ def test_an_attribute_whose_definition_contradicts_itself_costs_no_message(tmp_p
     )
 
 
-def test_many_faults_in_a_large_database_are_found_by_an_effort_that_grows_with_it(
+def test_the_effort_to_find_faults_grows_in_proportion_to_the_database(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     read: list[int] = []
@@ -213,7 +211,7 @@ KCD = """<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0">
 </NetworkDefinition>"""
 
 
-def test_of_several_buses_one_is_chosen_or_the_file_is_refused_with_their_names(
+def test_a_database_of_several_buses_needs_the_name_of_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -255,7 +253,7 @@ UNREAD, NAMESPACE = "cannot be read", "xmlns='http://autosar.org/schema/r4.0'"
         ("x.dbc", "nothing\n", "has no messages; allowed: a CAN database with messages; line 1: “nothing” is no"),
     ],
 )
-def test_what_cannot_be_read_at_all_is_refused_in_our_own_words(tmp_path: Path, name: str, text: str, said: str):
+def test_an_unreadable_database_is_refused_with_a_clear_message(tmp_path: Path, name: str, text: str, said: str):
     issues = ConfigIssues("r.toml")
     assert not load_messages(issues, DatabaseFile(text_file(tmp_path / name, text)))
     (line,) = issues.lines
@@ -265,7 +263,7 @@ def test_what_cannot_be_read_at_all_is_refused_in_our_own_words(tmp_path: Path, 
 LOG = "(0.000000) can0 341#1000\n(0.100000) can0 11F#01\n(0.200000) can0 341#2000\n"
 
 
-def test_each_command_that_takes_a_database_tells_what_of_it_is_left_out(
+def test_every_command_with_a_database_reports_left_out_messages(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)

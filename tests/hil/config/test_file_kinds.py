@@ -37,23 +37,23 @@ PAIRS = [(given, wanted) for given in FILES for wanted in READERS if given != wa
 
 
 @pytest.mark.parametrize(("given", "wanted"), PAIRS)
-def test_a_file_of_another_kind_gets_one_message(given: str, wanted: str):
+def test_a_file_of_another_kind_is_refused_in_one_message(given: str, wanted: str):
     (issue,) = issues_of(READERS[wanted], FILES[given])
     assert issue.startswith(f"{FILES[given]}: a {given} file, not a {wanted}; allowed: a {wanted} with ")
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_a_file_of_the_kind_has_its_keys(kind: str):
+def test_each_kind_of_file_has_its_characteristic_keys(kind: str):
     assert read_toml(FILES[kind]).keys() & {*MARKS[kind]}
 
 
-def test_one_known_key_is_enough_to_report_the_others(tmp_path: Path):
+def test_a_file_with_a_known_key_gets_its_unknown_keys_reported(tmp_path: Path):
     path = text_file(tmp_path / "mixed.toml", "duration = 5\ndbc = 'x.dbc'\n")
     with pytest.raises(ConfigError, match=r"dbc: 'x\.dbc': unknown key"):
         load_scenario(path)
 
 
-def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_recordings_and_python():
+def test_the_suffixes_of_other_kinds_are_those_of_databases_recordings_and_python():
     assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}, {".py"}]
 
 
@@ -65,7 +65,7 @@ def test_the_suffixes_of_what_is_no_toml_are_those_of_databases_recordings_and_p
         ("test_gate.py", "Python code; allowed: a TOML file; pytest runs tests in Python"),
     ],
 )
-def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):
+def test_a_file_with_a_suffix_other_than_toml_is_reported_by_its_kind(tmp_path: Path, name: str, said: str):
     (tmp_path / name).write_bytes(bytes(3_000_000))
     assert issues_of(load_scenario, tmp_path / name) == [f"{tmp_path / name}: {said}"]
 
@@ -89,6 +89,6 @@ def test_what_is_no_toml_by_its_suffix_is_told_as_what_it_is(tmp_path: Path, nam
         ("[parameters]\nname = 'x'\n", "parameters.name: 'x' is not a number; allowed: -1e+15 to 1e+15"),
     ],
 )
-def test_typical_slips_in_a_scenario_are_told_with_what_is_meant(tmp_path: Path, text: str, said: str):
+def test_typical_mistakes_in_a_scenario_are_reported_with_the_correct_form(tmp_path: Path, text: str, said: str):
     path = text_file(tmp_path / "s.toml", "duration = 1\n" + text)
     assert f"{path}: {said}" in issues_of(load_scenario, path)

@@ -1,4 +1,4 @@
-"""What is said of a file that cannot be read is true."""
+"""The message for a file that cannot be read names the true cause."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_keeps_a_file_from_being_read_is_reported(case, tmp_path):
+def test_the_cause_why_a_file_cannot_be_read_is_reported(case, tmp_path):
     name, make, said = CASES[case]
     path = tmp_path / name
     if make is not None:
@@ -47,7 +47,7 @@ def test_what_keeps_a_file_from_being_read_is_reported(case, tmp_path):
         assert issue.startswith(f"`vehicle` theirs: {said}")
 
 
-def test_a_file_without_permission_is_not_called_missing(tmp_path, monkeypatch):
+def test_a_file_without_read_permission_is_not_reported_as_missing(tmp_path, monkeypatch):
     path = tmp_path / "locked" / "x.toml"
     path.parent.mkdir()
     path.write_text("a = 1\n")
@@ -67,14 +67,14 @@ def test_a_file_without_permission_is_not_called_missing(tmp_path, monkeypatch):
         read_bytes(path)
 
 
-def test_a_file_is_read_whole(tmp_path):
+def test_a_file_is_read_as_raw_bytes(tmp_path):
     path = tmp_path / "x\udcff.toml"  # a name that is not UTF-8
     path.write_bytes(b"a\0\xff")
     assert issue_with(path) == ""
     assert read_bytes(path) == b"a\0\xff"
 
 
-def test_a_file_that_is_far_too_large_is_not_read(tmp_path):
+def test_a_file_above_the_size_limit_is_not_read(tmp_path):
     path = tmp_path / "large.toml"
     path.write_bytes(b"a" * 11)
     with pytest.raises(ConfigError, match="11 bytes; allowed: up to 10"):

@@ -1,4 +1,4 @@
-"""The tables `checksum` and `counter` of a rig: one clear line for each wrong value, and what `rig check` says."""
+"""The tables `checksum` and `counter` of a rig: one line for each wrong value, and the output of `rig check`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ALLOWED = 'allowed: a list of "payload", "identifier", "counter", "data_id", eac
 
 
 def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str | None) -> Path:
-    """A rig whose command has this checksum and this counter."""
+    """Write a rig whose command message has this checksum and counter."""
     given = {key: value for key, value in {**RIGHT, **keys}.items() if value is not None}
     lines = [f"{key} = {value}" for key, value in given.items()]
     text = RIG + "[messages.Cmd]\n" + (f"counter = {counter}\n" if counter else "") + more
@@ -82,14 +82,14 @@ def rig_of(folder: Path, counter: str = '"Alive"', more: str = "", **keys: str |
          "one use per signal"),
     ],
 )  # fmt: skip
-def test_a_wrong_checksum_is_reported_in_one_line(tmp_path: Path, keys: dict[str, str | None], message: str):
+def test_a_wrong_checksum_key_is_reported_in_one_line(tmp_path: Path, keys: dict[str, str | None], message: str):
     _, issues = read_rig(rig_of(tmp_path, **keys))  # type: ignore[arg-type]
     own = [line.partition("their.toml: messages.Cmd")[2][1:].lstrip() for line in issues.lines]
     assert len(own) == 1, own
     assert own[0].startswith(message)
 
 
-def test_parameters_are_not_for_a_profile_that_has_its_own(tmp_path: Path):
+def test_checksum_and_counter_tables_are_refused_beside_an_e2e_profile(tmp_path: Path):
     more = 'protection = "e2e-p01"\ndata_id = 1\n'
     _, issues = read_rig(rig_of(tmp_path, counter='{ signal = "Alive" }', more=more))
     assert [line.partition("their.toml: ")[2] for line in issues.lines] == [
@@ -98,7 +98,7 @@ def test_parameters_are_not_for_a_profile_that_has_its_own(tmp_path: Path):
     ]
 
 
-def test_a_checksum_of_another_width_than_a_named_one_is_reported_with_the_way(tmp_path: Path):
+def test_a_named_checksum_of_another_width_is_refused_with_the_form_to_use(tmp_path: Path):
     path = write_rig(tmp_path, DATABASE, RIG + '[messages.Out]\nchecksum = "Crc"\n')
     _, issues = read_rig(path)
     assert issues.lines == [
@@ -148,7 +148,7 @@ PROTECTIONS = {
 }
 
 
-def test_what_is_protected_how_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_rig_check_lists_the_protection_of_each_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE, FULL)
     assert main(["rig", "check", str(path)]) == 0
     said = capsys.readouterr().out
@@ -161,7 +161,7 @@ def test_what_is_protected_how_is_reported(tmp_path: Path, capsys: pytest.Captur
     assert {**found, **answer["restbus_protection"]} == PROTECTIONS
 
 
-def test_a_draft_offers_the_parameters_with_the_signal_s_own_width(tmp_path: Path):
+def test_a_draft_proposes_checksum_tables_with_the_width_of_the_signal(tmp_path: Path):
     (tmp_path / "their.dbc").write_text(DATABASE)
     text = draft_rig(tmp_path / "their.dbc", tmp_path / "their.toml").text
     assert '# checksum = { signal = "Crc", width = 8, polynomial = 0x?' in text

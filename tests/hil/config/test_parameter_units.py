@@ -1,4 +1,4 @@
-"""Units of parameters, from where they stand in a scenario."""
+"""Units of parameters, derived from the keys that use them in a scenario."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def units(text: str) -> dict[str, str]:
     return parameter_units([tomllib.loads(text)])
 
 
-def test_a_parameter_has_the_unit_of_the_key_that_takes_it() -> None:
+def test_a_parameter_has_the_unit_of_the_key_that_uses_it() -> None:
     found = units(
         """
         duration = "$length"
@@ -46,7 +46,7 @@ def test_a_parameter_has_the_unit_of_the_key_that_takes_it() -> None:
     assert found["gears"] == ""
 
 
-def test_a_parameter_in_a_condition_has_the_unit_of_its_columns() -> None:
+def test_a_parameter_in_a_condition_has_the_unit_of_the_compared_columns() -> None:
     found = units(
         """
         [[expect]]
@@ -61,11 +61,11 @@ def test_a_parameter_in_a_condition_has_the_unit_of_its_columns() -> None:
     assert found == {"limit": "N", "angle": "deg", "more": "deg", "i": "A"}
 
 
-def test_a_parameter_in_places_of_several_units_has_none() -> None:
+def test_a_parameter_used_with_several_units_has_none() -> None:
     assert units('[[obstacle]]\nangle_deg = "$x"\nstiffness = "$x"\n') == {}
 
 
-def test_the_parameters_of_the_trap_matrix_have_units_included_files_too() -> None:
+def test_parameters_of_the_trap_matrix_have_units_also_from_included_files() -> None:
     file = read_scenario(data_root() / "configs/campaigns/trap-matrix/rod.toml")
     found = parameter_units(part.raw for part in file.parts)
     assert {name: found[name] for name in ("rod", "angle", "limit", "away")} == {

@@ -1,4 +1,4 @@
-"""Values of a vehicle that are allowed, but that no power lift gate has, are noted with the unit of the file."""
+"""Notes on vehicle values that are allowed but implausible for a power lift gate, such as a wrong unit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHIPPED = ("suv", "compact", "heavy-suv")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_shipped_vehicles_and_those_of_their_production_are_plausible(name: str) -> None:
+def test_the_shipped_vehicles_and_their_drawn_cars_are_plausible(name: str) -> None:
     assert notes_on_vehicle(vehicle_from(name, ideal=True)) == []
     assert [notes_on_vehicle(vehicle_from(name, draw=draw)) for draw in range(10)] == [[]] * 10
 
@@ -44,12 +44,12 @@ def test_a_value_in_a_wrong_unit_is_noted(setting: str, said: str) -> None:
     assert any(said in each for each in notes), notes
 
 
-def test_what_a_vehicle_may_be_without_is_not_noted() -> None:
+def test_optional_properties_of_a_vehicle_are_not_noted_when_absent() -> None:
     bare = ["spring.stiffness=0", "spring.preload=0", "gear.backlash=0", "drives=1"]
     assert notes_on_vehicle(vehicle_from("suv", bare, ideal=True)) == []
 
 
-def test_it_is_told_where_a_vehicle_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_note_an_implausible_vehicle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = text_file(tmp_path / "s.toml", 'duration = 0.2\n[set]\n"motor.inductance" = 0.25\n')
     said = "motor.inductance/motor.resistance is 0.35 s"
     assert said in lh.run(scenario, ecu="reference").notes[0]

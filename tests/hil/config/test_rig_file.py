@@ -1,4 +1,4 @@
-"""Rig files: any database may be wired, and all faults of a file come at once."""
+"""Rig files: any database can be mapped, and all issues of a file are reported at once."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def faults_of(folder: Path, text: str, database: str = DATABASE) -> list[str]:
 REST_OF_THE_CAR = ("DriverRequest", "Body")  # the restbus's
 
 
-def test_the_shipped_rig_wires_everything_there_is():
+def test_the_shipped_rig_maps_every_signal_of_its_database():
     rig = rig_from("liftgate")
     wired = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
     wired |= {(each.message, name) for each in rig.orders for name in each.signals.values()}
@@ -80,7 +80,7 @@ def test_the_shipped_rig_wires_everything_there_is():
     assert not rig.is_fd
 
 
-def test_a_foreign_database_needs_nothing_but_names(tmp_path: Path):
+def test_a_foreign_database_needs_only_signal_names_in_the_rig(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, RIG)
     assert rig.command_message() == "Cmd"
     assert rig.command_cycle_ms() == 20.0
@@ -91,7 +91,7 @@ def test_a_foreign_database_needs_nothing_but_names(tmp_path: Path):
 
 
 @pytest.mark.parametrize("cycle", ["-10", "60001", "1" + "0" * 400])
-def test_a_cycle_in_the_database_that_makes_no_sense_is_a_fault(tmp_path: Path, cycle: str):
+def test_an_impossible_cycle_in_the_database_is_an_issue_unless_the_rig_replaces_it(tmp_path: Path, cycle: str):
     database = DATABASE.replace("BO_ 2566844672 10;", f"BO_ 2566844672 {cycle};")
     (fault,) = faults_of(tmp_path, RIG, database)
     assert "messages.Out.cycle_ms: the database's GenMsgCycleTime is " in fault
@@ -99,7 +99,7 @@ def test_a_cycle_in_the_database_that_makes_no_sense_is_a_fault(tmp_path: Path, 
     assert load_rig(replaced).output_config().messages.cycle_ns.tolist() == [7_000_000]
 
 
-def test_a_cycle_that_is_a_text_is_a_number_or_a_fault(tmp_path: Path):
+def test_a_cycle_written_as_text_is_read_as_a_number_or_an_issue(tmp_path: Path):
     database = (
         DATABASE.replace('"GenMsgCycleTime" INT 0 65535', '"GenMsgCycleTime" STRING')
         .replace('"GenMsgCycleTime" 0;', '"GenMsgCycleTime" "";')
@@ -113,7 +113,7 @@ def test_a_cycle_that_is_a_text_is_a_number_or_a_fault(tmp_path: Path):
     assert load_rig(given).command_cycle_ms() == 20.0
 
 
-def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
+def test_the_rig_overrides_cycle_and_time_out_of_the_database(tmp_path: Path):
     text = RIG + "[messages.Cmd]\ncycle_ms = 2.5\ntimeout_cycles = 4\n[messages.Out]\ncycle_ms = 7\n"
     rig = rig_of(tmp_path, DATABASE, text)
     assert rig.command_cycle_ms() == 2.5
@@ -121,7 +121,7 @@ def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
     assert rig.output_config().messages.cycle_ns.tolist() == [7_000_000]
 
 
-def test_an_extended_commands_identifier_carries_its_flag(tmp_path: Path):
+def test_the_identifier_of_an_extended_command_has_the_extended_flag(tmp_path: Path):
     text = (
         'dbc = "their.dbc"\n[inputs]\nleft_duty = { signal = "Out.Current", unit = "%" }\n'
         '[outputs]\nleft_current = { signal = "Cmd.DutyL", unit = "A" }\n'
@@ -157,7 +157,7 @@ counter = "Alive"
 """
 
 
-def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+def test_all_issues_of_a_file_are_reported_at_once(tmp_path: Path):
     keys = (
         "bitrate speed inputs.left_duty inputs.right_duty inputs.middle_duty inputs.road_slope.signal "
         "inputs.hand_force.scale inputs.hand_force.ofset inputs.left_direction.values.brake outputs.left_current "
@@ -214,7 +214,7 @@ def valued(quantity: str, signal: str, values: str) -> str:
         ),
     ],
 )
-def test_each_fault_names_its_key_and_what_is_allowed(tmp_path: Path, text: str, key: str, said: str):
+def test_each_issue_names_its_key_and_the_allowed_values(tmp_path: Path, text: str, key: str, said: str):
     issues = faults_of(tmp_path, text)
     assert any(key in fault.split(": ")[1] and said in fault for fault in issues), issues
 
@@ -232,7 +232,7 @@ def test_each_fault_names_its_key_and_what_is_allowed(tmp_path: Path, text: str,
     ],
     ids=["text", "empty", "binary", "xml", "no number", "too long", "overlap"],
 )
-def test_a_database_that_is_none_is_a_fault_of_dbc(tmp_path: Path, database: str):
+def test_an_invalid_database_is_reported_under_the_key_dbc(tmp_path: Path, database: str):
     assert keys_of(faults_of(tmp_path, RIG, database))[0] in ("dbc", "inputs.left_duty")
 
 
@@ -259,7 +259,7 @@ LONG_OUT = DATABASE.replace("7|16@0- (0.01,0)", "511|16@0- (0.01,0)")
     ],
     ids=["name", "identifier", "65", "1785", "out 65", "out 1785", "factor", "float"],
 )
-def test_what_no_wire_can_use_of_a_database_is_a_fault(tmp_path: Path, database: str, words: list[str]):
+def test_an_unusable_definition_of_a_mapped_signal_is_an_issue(tmp_path: Path, database: str, words: list[str]):
     issues = faults_of(tmp_path, RIG, database)
     assert any(all(word in fault for word in words) for fault in issues), issues
 
@@ -268,7 +268,7 @@ def test_an_unmapped_message_longer_than_any_frame_is_ignored(tmp_path: Path):
     rig_of(tmp_path, DATABASE.replace(" Slow: 8 ", " Slow: 1785 "), RIG)
 
 
-def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: Path):
+def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_an_issue(tmp_path: Path):
     database = DATABASE.replace(" Out: 8 ", " Out: 24 ")  # and no VFrameFormat
     try:
         rig = rig_of(tmp_path, database, RIG)
@@ -280,7 +280,7 @@ def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: P
 
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
-def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option: str):
+def test_an_output_mapped_to_the_counter_or_checksum_is_an_issue(tmp_path: Path, option: str):
     database = DATABASE.replace('"deg" Gate', '"deg" Gate\n SG_ Eight : 40|8@1+ (1,0) [0|0] "" ECU', 1)
     text = (
         'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.DutyL"\n[outputs]\n'
@@ -324,12 +324,12 @@ def direction(values: str) -> str:
         ),
     ],
 )
-def test_an_enumeration_that_its_signal_cannot_tell_apart_or_hold_is_a_fault(tmp_path: Path, text: str, said: str):
+def test_an_ambiguous_or_unrepresentable_enumeration_value_is_an_issue(tmp_path: Path, text: str, said: str):
     (fault,) = faults_of(tmp_path, text)
     assert f": {said}" in fault
 
 
-def test_an_ecu_may_have_fewer_directions_than_the_reference_ecu_sends(tmp_path: Path):
+def test_a_rig_may_lack_directions_that_the_reference_ecu_sends(tmp_path: Path):
     text = direction("open = 1, close = 2") + ('left_hall_count = { signal = "Out.Count", scale = 1 }\n')
     rig = rig_of(tmp_path, DATABASE, text)
     notes = notes_on_fit(rig, vehicle_from("compact"), 1000.0)
@@ -345,12 +345,12 @@ def test_an_ecu_may_have_fewer_directions_than_the_reference_ecu_sends(tmp_path:
         gate.command(left_duty=0)
 
 
-def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
+def test_the_reference_ecu_reports_feedback_that_a_rig_lacks(tmp_path: Path):
     keys = keys_of(issues_of(ReferenceEcu, rig_of(tmp_path, DATABASE, RIG), 2))
     assert keys == ["outputs.left_hall_count", "outputs.right_current", "outputs.right_hall_count"]
 
 
-def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
+def test_a_quantity_or_counter_mapped_to_a_multiplexer_is_an_issue(tmp_path: Path):
     wired = 'gate_angle = "Muxed.A"\nleft_hall_speed = { signal = "Muxed.Which", scale = 1 }\n'
     (issue,) = [each for each in faults_of(tmp_path, RIG + wired) if "Which" in each]
     assert "Muxed.Which carries the multiplexer too; allowed: one use per signal" in issue
@@ -359,7 +359,7 @@ def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
     assert "Which is the multiplexer and the counter; allowed: one use per signal" in issue
 
 
-def test_the_reference_ecu_sends_multiplexed_commands_in_turn_and_all_at_the_end(tmp_path: Path):
+def test_the_reference_ecu_sends_multiplexer_pages_in_turn_and_all_at_the_end(tmp_path: Path):
     text = RIG.replace(
         INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
         'right_direction = { signal = "Muxed.B", scale = 1 }\n'
@@ -381,20 +381,20 @@ def test_the_reference_ecu_sends_multiplexed_commands_in_turn_and_all_at_the_end
     assert sorted(pages(last_frames(config, state))) == [1, 2]
 
 
-def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):
+def test_a_sent_enumeration_without_all_values_is_an_issue(tmp_path: Path):
     text = RIG + valued("latch_state", "Out.Latch", 'latched = "offen"')
     # "open" would go out as our own number 0, which means "offen" to them: latched.
     assert any("latch_state" in fault for fault in faults_of(tmp_path, text))
 
 
-def test_a_database_may_lie_beside_the_rig_or_be_a_shipped_one(tmp_path: Path):
+def test_a_rig_outside_the_package_may_name_a_shipped_database(tmp_path: Path):
     text = (Path(__file__).parents[3] / "configs/rigs/liftgate.toml").read_text()
     rig = load_rig(text_file(tmp_path / "mine.toml", text))
     assert isinstance(rig, Rig)
     assert rig.database.name == "liftgate.dbc"
 
 
-def test_loading_a_database_leaves_the_log_as_it_was(tmp_path: Path):
+def test_loading_a_database_leaves_the_logger_unchanged(tmp_path: Path):
     before = list(logging.getLogger("cantools").handlers)
     rig_of(tmp_path, DATABASE, RIG)
     assert logging.getLogger("cantools").handlers == before

@@ -1,4 +1,4 @@
-"""A rig that cannot carry what a vehicle does, or a cycle that the loop cannot keep, is told before a run."""
+"""Fit of a rig to vehicle and rate: signals too narrow and cycles too short are reported before a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VEHICLES = ("suv", "heavy-suv", "compact")
 def rig_for(
     folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10, sender: str = "Gate"
 ) -> Rig:
-    """One output on a signal."""
+    """Return a rig that maps one output to a signal."""
     content = database_of(f"""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
 BO_ 512 Out: 8 {sender}
@@ -68,9 +68,7 @@ def test_the_shipped_rig_fits_every_shipped_vehicle(name: str):
         ("0|8@1+ (1,30) [0|0]", "degC", "ambient_temperature"),
     ],
 )
-def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
-    tmp_path: Path, place: str, unit: str, quantity: str
-):
+def test_a_signal_too_narrow_for_every_motion_is_refused(tmp_path: Path, place: str, unit: str, quantity: str):
     rig = rig_for(tmp_path, place, unit, quantity)
     with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X has the range .* any motion of"):
         loop_config_of(suv(), rig, 1000.0, 0)
@@ -79,7 +77,7 @@ def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
     assert [each for each in notes_on_fit(meant, suv(), 1000.0) if "latch_state" not in each] == []
 
 
-def test_an_angle_in_steps_without_a_latch_switch_is_noted(tmp_path: Path):
+def test_a_coarse_angle_without_a_latch_switch_is_noted(tmp_path: Path):
     rig = rig_for(tmp_path, "0|12@1+ (0.05,0) [0|0]", "deg", "gate_angle")
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "outputs.latch_state is missing" in note
@@ -95,7 +93,7 @@ def test_a_right_drive_without_a_command_is_noted(tmp_path: Path):
     assert notes_on_fit(rig, vehicle_from("suv", ["drives=1"], ideal=True), 1000.0) == []
 
 
-def test_a_message_of_the_gate_that_the_ecu_sends_by_the_database_is_noted(tmp_path: Path):
+def test_a_gate_message_that_the_database_assigns_to_the_ecu_is_noted(tmp_path: Path):
     rig = current_rig(tmp_path, sender="ECU")
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert note.endswith(
@@ -106,14 +104,14 @@ def test_a_message_of_the_gate_that_the_ecu_sends_by_the_database_is_noted(tmp_p
         assert notes_on_fit(current_rig(tmp_path, sender=sender), suv(), 1000.0) == []
 
 
-def test_a_signal_that_a_stalled_motor_leaves_is_reported(tmp_path: Path):
+def test_a_signal_that_saturates_at_stall_is_noted(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.001,0) [-10|10]", "A", "left_current")
     check_fit(rig, suv(), 1000.0)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "Out.X has the range -10 to 10 A and saturates; this vehicle reaches -16.95 to 16.95 A" in note
 
 
-def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
+def test_a_signal_of_a_missing_drive_is_not_checked(tmp_path: Path):
     rig = rig_for(tmp_path, "0|8@1+ (1,0) [0|1]", "A", "right_current")
     check_fit(rig, vehicle_from("compact"), 1000.0)
 
@@ -125,12 +123,12 @@ def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
         loop_config_of(suv(), rig, 200.0, 0)
 
 
-def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
+def test_a_received_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
     with pytest.raises(ConfigError, match=r"messages\.Cmd\.cycle_ms: 10; allowed: 20 or more"):
         check_fit(current_rig(tmp_path), suv(), 50.0)
 
 
-def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
+def test_a_cycle_that_is_no_whole_number_of_ticks_is_noted(tmp_path: Path):
     rig = current_rig(tmp_path, cycle=2.5)
     (note,) = notes_on_fit(rig, suv(), 1000.0)
     assert "messages.Out.cycle_ms: 2.5 is not a whole number of ticks of 1 ms" in note
@@ -152,14 +150,14 @@ def test_a_cycle_of_no_whole_number_of_ticks_is_reported(tmp_path: Path):
         ("mA", ', unit = "mA"', ""),
     ],
 )
-def test_a_scale_that_the_databases_unit_contradicts_is_reported(tmp_path: Path, unit: str, keys: str, said: str):
+def test_a_scale_that_contradicts_the_databases_unit_is_noted(tmp_path: Path, unit: str, keys: str, said: str):
     rig = rig_for(tmp_path, "0|32@1- (0.001,0) [0|0]", unit, "left_current", keys)
     notes = notes_on_fit(rig, suv(), 1000.0)
     assert len(notes) == bool(said)
     assert all(said in note for note in notes)
 
 
-def test_the_expected_values_are_the_vehicles():
+def test_expected_ranges_of_quantities_follow_from_the_vehicle():
     expected = expected_values(suv())
     # Supply voltage over winding resistance; 4 counts a turn of what the spindle's travel takes.
     assert expected["left_current"].highest == pytest.approx(12.0 / 0.708)
@@ -171,9 +169,7 @@ def test_the_expected_values_are_the_vehicles():
     assert expected["left_hall_count"].high == pytest.approx(2946.0, abs=1.0)
 
 
-def test_counters_and_checksums_that_the_rig_leaves_out_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_counters_and_checksums_missing_in_the_rig_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     content = database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ AliveCounter : 16|4@1+ (1,0) [0|15] "" Gate
@@ -214,7 +210,7 @@ counter = "AliveCounter"
         ('{ signal = "Count", highest = 9 }', False),
     ],
 )
-def test_a_counter_that_goes_beyond_the_databases_range_is_noted(tmp_path: Path, counter: str, is_noted: bool):
+def test_a_counter_range_beyond_the_databases_range_is_noted(tmp_path: Path, counter: str, is_noted: bool):
     content = database_of("""BO_ 256 Cmd: 8 ECU
  SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
  SG_ Count : 16|4@1+ (1,0) [0|14] "" Gate

@@ -1,4 +1,4 @@
-"""A quantity is in the unit that the database says or the rig; what neither says, or contradicts, is refused."""
+"""Units in a rig: from the database or the rig; a missing or contradictory unit is refused."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def faults(folder: Path, text: str, content: str) -> list[str]:
 
 
 def sent(rig: Rig, quantity: str, value: float) -> float:
-    """What cantools reads of a quantity, in the database's unit."""
+    """Return the value that cantools reads of a quantity, in the database's unit."""
     values = [float("nan")] * OUTPUT_COUNT
     values[getattr(OUT, quantity)] = value
     _, frames = transmitted(rig.output_config(), values)
@@ -65,7 +65,7 @@ def sent(rig: Rig, quantity: str, value: float) -> float:
         ("lateness_p50", "ms", 1500.0, 1.5),
     ],
 )
-def test_a_quantity_goes_out_in_the_databases_unit(
+def test_a_quantity_is_sent_in_the_databases_unit(
     tmp_path: Path, quantity: str, unit: str, ours: float, theirs: float
 ):
     loaded = rig_of(tmp_path, database(unit), rig(f'{quantity} = "Out.X"'))
@@ -85,7 +85,7 @@ def test_a_quantity_goes_out_in_the_databases_unit(
         ("gate_angle", "degC", "a unit of temperature"),
     ],
 )
-def test_another_unit_an_unknown_one_and_none_are_refused(tmp_path: Path, quantity: str, unit: str, said: str):
+def test_a_wrong_unknown_or_missing_unit_is_refused(tmp_path: Path, quantity: str, unit: str, said: str):
     (fault,) = faults(tmp_path, rig(f'{quantity} = "Out.X"'), database(unit))
     assert fault.startswith(f"outputs.{quantity}: ")
     assert said in fault
@@ -104,7 +104,7 @@ def test_another_unit_an_unknown_one_and_none_are_refused(tmp_path: Path, quanti
         ("", 'unit = "mA", offset = 500', 2000.0),
     ],
 )
-def test_the_rigs_unit_and_scale_count_before_the_databases(tmp_path: Path, unit: str, keys: str, theirs: float):
+def test_unit_and_scale_of_the_rig_override_the_databases(tmp_path: Path, unit: str, keys: str, theirs: float):
     text = rig(f'left_current = {{ signal = "Out.X", {keys} }}')
     assert sent(rig_of(tmp_path, database(unit), text), "left_current", 2.5) == theirs
 
@@ -120,7 +120,7 @@ def test_the_rigs_unit_and_scale_count_before_the_databases(tmp_path: Path, unit
         ("values = { open = 1 }, scale = 2", "outputs.left_current.scale", "without values"),
     ],
 )
-def test_a_key_that_cannot_be_meant_is_refused(tmp_path: Path, keys: str, key: str, said: str):
+def test_contradictory_keys_of_a_mapping_are_refused(tmp_path: Path, keys: str, key: str, said: str):
     text = rig(f'left_current = {{ signal = "Out.X", {keys} }}')
     issues = faults(tmp_path, text, database("A"))
     assert any(issue.startswith(f"{key}: ") and said in issue for issue in issues), issues
@@ -130,7 +130,7 @@ def direction(signal: str) -> str:
     return rig('left_current = "Out.X"', INPUTS + f"left_direction = {signal}\n")
 
 
-def test_labels_that_are_ours_need_no_values(tmp_path: Path):
+def test_labels_equal_to_those_of_the_catalogue_need_no_values(tmp_path: Path):
     (_, wire) = rig_of(tmp_path, database("A"), direction('"Cmd.Dir"')).inputs
     assert wire.values is None
     content = database("A").replace('1 "open" 2 "close"', '2 "Open" 1 "CLOSE"')
@@ -139,7 +139,7 @@ def test_labels_that_are_ours_need_no_values(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("signal", "said"), [("Dir", "the labels 0 'coast', 1 'up'"), ("Bare", "no value table")])
-def test_an_enumeration_of_other_labels_or_none_asks_for_values(tmp_path: Path, signal: str, said: str):
+def test_an_enumeration_with_other_labels_or_none_needs_values(tmp_path: Path, signal: str, said: str):
     content = database("A").replace('"open"', '"up"')
     (fault,) = faults(tmp_path, direction(f'"Cmd.{signal}"'), content)
     assert said in fault
@@ -148,7 +148,7 @@ def test_an_enumeration_of_other_labels_or_none_asks_for_values(tmp_path: Path, 
     rig_of(tmp_path, content, direction(given))
 
 
-def test_a_duty_that_has_no_sign_needs_a_direction(tmp_path: Path):
+def test_an_unsigned_duty_needs_a_direction(tmp_path: Path):
     unsigned = rig('left_current = "Out.X"', '[inputs]\nleft_duty = "Cmd.Pwm"\n')
     (fault,) = faults(tmp_path, unsigned, database("A"))
     assert fault.startswith("inputs.left_direction: missing, and Cmd.Pwm is 0 to 100 %, so the motor")
@@ -158,34 +158,34 @@ def test_a_duty_that_has_no_sign_needs_a_direction(tmp_path: Path):
 
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
-def test_an_input_on_its_own_counter_or_checksum_is_refused(tmp_path: Path, option: str):
+def test_an_input_mapped_to_its_counter_or_checksum_is_refused(tmp_path: Path, option: str):
     panel = 'snow_mass = { signal = "Cmd.Alive", scale = 1 }\n'
     text = rig('left_current = "Out.X"', INPUTS + panel) + f'[messages.Cmd]\n{option} = "Alive"\n'
     (fault,) = faults(tmp_path, text, database("A"))
     assert f"Cmd.Alive carries the {option} too" in fault
 
 
-def test_counter_and_checksum_in_one_signal_are_refused(tmp_path: Path):
+def test_counter_and_checksum_in_the_same_signal_are_refused(tmp_path: Path):
     text = rig('left_current = "Out.X"') + '[messages.Cmd]\ncounter = "Alive"\nchecksum = "Alive"\n'
     (fault,) = faults(tmp_path, text, database("A"))
     assert "messages.Cmd: Alive is the counter and the checksum" in fault
 
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
-def test_a_protection_that_is_multiplexed_is_refused(tmp_path: Path, option: str):
+def test_a_multiplexed_counter_or_checksum_is_refused(tmp_path: Path, option: str):
     content = database("A").replace("SG_ Bare :", "SG_ Bare M :").replace("SG_ Alive :", "SG_ Alive m1 :")
     text = rig('left_current = "Out.X"') + f'[messages.Cmd]\n{option} = "Alive"\n'
     (fault,) = faults(tmp_path, text, content)
     assert "messages.Cmd: Alive is in some frames only; allowed: a signal" in fault
 
 
-def test_two_inputs_may_read_one_signal(tmp_path: Path):
+def test_two_inputs_may_read_the_same_signal(tmp_path: Path):
     text = rig('left_current = "Out.X"', INPUTS + 'right_duty = "Cmd.Duty"\n')
     assert len(rig_of(tmp_path, database("A"), text).inputs) == 2
 
 
 @pytest.mark.parametrize("identifier", [0x7E0, 0x7EF, 0x80000000 | 0x18DA10F1])
-def test_what_is_sent_stays_off_the_diagnostics(tmp_path: Path, identifier: int):
+def test_sent_messages_with_identifiers_of_diagnostics_are_refused(tmp_path: Path, identifier: int):
     content = database("A").replace("BO_ 512", f"BO_ {identifier}")
     (fault,) = faults(tmp_path, rig('left_current = "Out.X"'), content)
     assert "allowed: none that cars use for diagnostics" in fault
@@ -207,8 +207,8 @@ def test_the_shipped_rig_needs_no_conversion():
     assert {wire.quantity for wire in shipped.outputs} <= {*BUS_OUTPUTS}
 
 
-def test_a_name_of_before_is_refused_with_the_name_that_it_is_now(tmp_path: Path):
-    """All of them, each in one line; without the others, which an unknown name is answered with."""
+def test_a_former_name_of_a_quantity_is_refused_with_its_present_name(tmp_path: Path):
+    """All former names, one line each, without the list of names that an unknown name gets."""
     names = [each.removeprefix("true_") for each in BUS_OUTPUTS if each.startswith("true_")]
     old = [each for each in names if each not in BUS_OUTPUTS]
     assert {"left_speed", "right_voltage", "gate_rate", "pinch_force", "time"} <= {*old}
@@ -222,7 +222,7 @@ def test_a_name_of_before_is_refused_with_the_name_that_it_is_now(tmp_path: Path
 
 
 def test_a_direction_without_open_and_close_is_refused(tmp_path: Path) -> None:
-    """With a direction the sign of the duty does not count, so that such a motor would never be driven."""
+    """With a direction the sign of the duty is ignored, so that such a motor would never be driven."""
     wired = '[inputs]\nleft_duty = "Cmd.Pwm"\nleft_direction = { signal = "Cmd.Dir", values = {VALUES} }\n'
     one_way = rig('left_current = "Out.X"', wired.replace("VALUES", "coast = 0, open = 1"))
     rig_of(tmp_path, database("A"), one_way)

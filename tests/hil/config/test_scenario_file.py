@@ -1,4 +1,4 @@
-"""Scenario files: what is allowed, and all faults at once."""
+"""Scenario files: allowed values, and all issues at once."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ def faults_of(tmp_path: Path, text: str) -> list[str]:
     return issues
 
 
-def test_the_demo_asks_open_close_open_close_around_an_obstacle():
+def test_the_demo_scenario_requests_open_and_close_twice_around_an_obstacle():
     scenario = scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
     assert len(scenario.stimuli.obstacles) == 1
     assert scenario.duration is not None
 
 
-def test_a_switch_is_on_or_off(tmp_path: Path):
-    """It is held from point to point, and has no values in between."""
+def test_a_switch_profile_is_held_and_takes_only_0_and_1(tmp_path: Path):
+    """A switch has no values between two points."""
     lines = ["[[profile]]", 'quantity = "handle_pulled"', "points = [[0, 0], [1, 1], [2, 0]]"]
     timeline = timeline_in(load(tmp_path, "\n".join(lines)).stimuli)
     for time, value in ((0.5, 0.0), (1.5, 1.0), (2.5, 0.0)):
@@ -49,7 +49,7 @@ def test_a_switch_is_on_or_off(tmp_path: Path):
     assert keys_of(told) == ["profile[0].interpolation", "profile[0].points[0][1]"]
 
 
-def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+def test_all_issues_of_a_file_are_reported_at_once(tmp_path: Path):
     text = """
 duration = -3
 speed = 4
@@ -110,11 +110,11 @@ action = "fly"
         ("[[request]]\ntime = 1\naction = ['open']", "request[0].action"),
     ],
 )
-def test_each_fault_names_its_key(tmp_path: Path, text: str, key: str):
+def test_each_issue_names_its_key(tmp_path: Path, text: str, key: str):
     assert key in keys_of(faults_of(tmp_path, text))
 
 
-def test_requests_come_in_the_order_of_their_times(tmp_path: Path):
+def test_requests_are_sorted_by_their_times(tmp_path: Path):
     text = "".join(
         f"[[request]]\ntime = {time}\naction = '{action}'\n"
         for time, action in ((3, "stop"), (1, "open"), (2.5, "close"))
@@ -127,7 +127,7 @@ def test_requests_come_in_the_order_of_their_times(tmp_path: Path):
     ]
 
 
-def test_profiles_are_straight_or_held_between_their_points_and_default_before(tmp_path: Path):
+def test_profiles_are_linear_or_held_between_points_and_unset_before_the_first(tmp_path: Path):
     scenario = load(
         tmp_path,
         """
@@ -167,7 +167,7 @@ points = [[1, 10], [2, -10]]
 
 
 @pytest.mark.parametrize("points", [1, 2, 3, 17])
-def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
+def test_a_profile_is_interpolated_in_every_interval(tmp_path: Path, points: int):
     listed = ", ".join(f"[{index}, {index * index}]" for index in range(points))
     scenario = load(tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n")
     timeline = timeline_in(scenario.stimuli)
@@ -178,7 +178,7 @@ def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
             assert found == pytest.approx(expected)
 
 
-def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
+def test_an_obstacle_exists_from_its_start_to_its_end(tmp_path: Path):
     scenario = load(tmp_path, "[[obstacle]]\nstart = 1\nend = 2\nangle_deg = 30\n")
     timeline = timeline_in(scenario.stimuli)
     for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
@@ -192,18 +192,18 @@ ROD = "[parameters]\nrod = 1000\n[[obstacle]]\nangle_deg = 30\nstiffness = '$rod
 
 
 @pytest.mark.parametrize("value", ["a", None, True, math.nan, 1e300, [1]])
-def test_a_bad_parameter_is_reported_once_and_of_who_gave_it(tmp_path: Path, value: object):
+def test_an_invalid_parameter_of_the_caller_is_reported_once_as_the_callers(tmp_path: Path, value: object):
     path = text_file(tmp_path / "stimuli.toml", ROD)
     (issue,) = issues_of(load_scenario, path, {"rod": value})
     assert issue.startswith("`parameters` rod: ")
 
 
-def test_a_bad_parameter_of_the_file_is_reported_once(tmp_path: Path):
+def test_an_invalid_parameter_of_the_file_is_reported_once(tmp_path: Path):
     assert keys_of(faults_of(tmp_path, ROD.replace("1000", "'a'"))) == ["parameters.rod"]
     assert keys_of(faults_of(tmp_path, ROD.replace("$rod", "$bar"))) == ["obstacle[0].stiffness"]
 
 
-def test_a_parameter_that_does_not_fit_where_it_is_used_is_reported_there(tmp_path: Path):
+def test_a_parameter_out_of_range_for_its_key_is_reported_at_that_key(tmp_path: Path):
     (issue,) = faults_of(tmp_path, ROD.replace("1000", "-1"))
     assert ": obstacle[0].stiffness: -1.0 is out of range" in issue
 
@@ -211,17 +211,17 @@ def test_a_parameter_that_does_not_fit_where_it_is_used_is_reported_there(tmp_pa
 @pytest.mark.parametrize(
     "said", ['"motor.resistance" = -1', "motor.resistance = -1", "motor = { resistance = -1 }"]
 )
-def test_what_a_scenario_sets_is_not_said_of_the_vehicle_file(tmp_path: Path, said: str):
+def test_an_invalid_setting_of_a_scenario_is_not_reported_for_the_vehicle_file(tmp_path: Path, said: str):
     scenario = load(tmp_path, f"[set]\n{said}\n")
     (issue,) = issues_of(setup_of, scenario)
     assert issue.startswith(f"{tmp_path / 'stimuli.toml'}: set.motor.resistance: -1 is out of range")
 
 
-def test_a_vehicle_beside_a_scenario_that_cannot_be_read_is_not_called_missing(tmp_path: Path):
+def test_a_folder_given_as_vehicle_resolves_beside_the_scenario(tmp_path: Path):
     (tmp_path / "gate.toml").mkdir()
     assert load(tmp_path, 'vehicle = "gate.toml"\n').vehicle == str(tmp_path / "gate.toml")
 
 
-def test_a_folder_of_a_shipped_vehicles_name_beside_a_scenario_is_none(tmp_path: Path):
+def test_a_folder_does_not_hide_a_shipped_vehicle_of_the_same_name(tmp_path: Path):
     (tmp_path / "suv").mkdir()
     assert load(tmp_path, 'vehicle = "suv"\n').vehicle == "suv"

@@ -1,4 +1,4 @@
-"""Scenario files that include others, profiles from CSV files."""
+"""Scenario files that include others, and profiles from CSV files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.testing.scenario_files import is_scenario
 
 
-def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None:
+def test_including_merges_tables_appends_arrays_and_replaces_expectations(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "my.toml").write_text("x = 1\n")
     (tmp_path / "parts" / "bench.toml").write_text(
@@ -43,7 +43,7 @@ def test_tables_merge_arrays_append_expectations_replace(tmp_path: Path) -> None
     assert [(each.name, each.kind) for each in found.expectations] == [("x", "never"), ("y", "always")]
 
 
-def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
+def test_a_file_is_included_once_and_a_circular_include_is_refused(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text('[[request]]\ntime = 1.0\naction = "open"\n')
     for name in ("a", "b"):
         (tmp_path / f"{name}.toml").write_text('include = "c.toml"\n')
@@ -54,7 +54,7 @@ def test_each_file_once_and_no_circles(tmp_path: Path) -> None:
         load_scenario(path)
 
 
-def test_the_mistakes_of_all_files_come_at_once_each_with_its_file(tmp_path: Path) -> None:
+def test_mistakes_of_all_included_files_are_reported_at_once_each_with_its_file(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('duration = -1\n[[fault]]\nkind = "x"\n')
     path = text_file(tmp_path / "s.toml", 'include = ["a.toml", "nix.toml", 3]\nseed = -1\n')
     with pytest.raises(ConfigError):
@@ -94,15 +94,15 @@ action = "open"
 
 
 def places_of_issues(path: Path, **parameters: float) -> list[str]:
-    """What is wrong with a scenario: the files and keys, without the folder."""
+    """Return the file names and keys of the issues of a scenario."""
     return [
         re.split(r": (?=[^:]*(?:allowed:|out of range))|: Nobody", line.replace(f"{path.parent}/", ""))[0]
         for line in issues_of(lh.run, path, parameters=parameters)
     ]
 
 
-def test_a_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
-    """Of the including file's parameter, of a flag's, and not of the included file that only uses it."""
+def test_an_invalid_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
+    """That is, for a parameter of the including file or a flag, not the included file that only uses it."""
     (tmp_path / "bench.toml").write_text(BENCH)
     path = tmp_path / "s.toml"
 
@@ -127,7 +127,7 @@ def test_a_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
     assert places_of_issues(path, a=0.0) == ["`parameters` a, as bench.toml: obstacle[0].stiffness"]
 
 
-def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:
+def test_a_profile_is_read_from_a_csv_file(tmp_path: Path) -> None:
     (tmp_path / "volts.csv").write_text("supply_voltage_v,time_s,other\n12,0,x\n9.5,1.5,y\n")
     path = text_file(tmp_path / "s.toml", '[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
     (profile,) = load_scenario(path).stimuli.profiles.values()
@@ -148,7 +148,7 @@ def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:
         (None, "volts.csv: no such file"),
     ],
 )
-def test_what_is_wrong_with_a_csv_file(tmp_path: Path, content: str | None, said: str) -> None:
+def test_an_invalid_csv_file_of_a_profile_is_reported(tmp_path: Path, content: str | None, said: str) -> None:
     if content is not None:
         (tmp_path / "volts.csv").write_text(content)
     path = text_file(tmp_path / "s.toml", '[[profile]]\nquantity = "supply_voltage_v"\ncsv = "volts.csv"\n')
@@ -158,7 +158,7 @@ def test_what_is_wrong_with_a_csv_file(tmp_path: Path, content: str | None, said
     assert len(caught.value.issues) == 1
 
 
-def test_points_or_csv_not_both_not_none(tmp_path: Path) -> None:
+def test_a_profile_needs_either_points_or_a_csv_file(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     for more in ("", 'csv = "x.csv"\npoints = [[0, 12]]\n'):
         path.write_text(f'[[profile]]\nquantity = "supply_voltage_v"\n{more}')
@@ -166,10 +166,8 @@ def test_points_or_csv_not_both_not_none(tmp_path: Path) -> None:
             load_scenario(path)
 
 
-def test_files_that_include_the_next_twice_are_read_once_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two to the power of forty paths lead through them."""
+def test_forty_nested_double_includes_are_read_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two to the power of forty paths lead through these files."""
     for k in range(40):
         (tmp_path / f"{k}.toml").write_text(f'include = ["{k + 1}.toml", "{k + 1}.toml"]\nduration = {k + 1}\n')
     (tmp_path / "40.toml").write_text('[[request]]\ntime = 1.0\naction = "open"\n')

@@ -1,4 +1,4 @@
-"""Send types of a database in a rig: what is held, what has to be stated, what is told."""
+"""Send types of a database in a rig: expiry of commands, cycles that must be stated, and notes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def notes_with(path: Path, word: str) -> list[str]:
         (EVENT, "[messages.Cmd]\ncycle_ms = 20\n", 60.0, ""),
     ],
 )
-def test_a_command_expires_where_it_is_cyclic(
+def test_values_of_a_command_expire_only_if_it_is_cyclic(
     tmp_path: Path, command: int, more: str, timeout_ms: float, told: str
 ):
     path = rig_with(tmp_path, command, more=more)
@@ -67,7 +67,7 @@ def test_a_command_expires_where_it_is_cyclic(
     assert all(f"{path}: messages.Cmd: by the database it is {told}, so its values hold" in each for each in said)
 
 
-def test_the_gate_obeys_an_event_command_until_the_next_one_comes(tmp_path: Path):
+def test_an_event_command_holds_until_the_next_one(tmp_path: Path):
     for command, timeouts in ((EVENT, 0), (CYCLIC, 1)):
         with lh.Gate(vehicle="suv", rig=rig_with(tmp_path, command), initial=30.0) as gate:
             gate.command(left_duty=40)
@@ -78,7 +78,7 @@ def test_the_gate_obeys_an_event_command_until_the_next_one_comes(tmp_path: Path
             assert gate.summary.command_timeouts == timeouts
 
 
-def test_an_output_that_is_sent_on_events_needs_a_cycle_of_the_rig(tmp_path: Path):
+def test_an_output_sent_on_events_needs_a_cycle_in_the_rig(tmp_path: Path):
     _, issues = read_rig(rig_with(tmp_path, CYCLIC, EVENT))
     (said,) = issues.lines
     assert said.endswith(
@@ -93,25 +93,25 @@ def test_an_output_that_is_sent_on_events_needs_a_cycle_of_the_rig(tmp_path: Pat
     ]
 
 
-def test_a_draft_says_that_a_message_is_sent_on_events(tmp_path: Path):
+def test_a_draft_marks_a_message_that_is_sent_on_events(tmp_path: Path):
     rig_with(tmp_path, CYCLIC, EVENT)
     text = draft_rig(tmp_path / "their.dbc", tmp_path / "d.toml").text
     assert text.count("# by the database it is sent on events: fill it in\n") == 1
 
 
-def test_an_ecu_of_ours_sends_an_event_command_as_often_as_it_gets_currents(tmp_path: Path):
+def test_the_reference_ecu_sends_an_event_command_at_the_cycle_of_the_currents(tmp_path: Path):
     assert load_rig(rig_with(tmp_path, EVENT)).command_cycle_ms() == 100.0
     assert load_rig(rig_with(tmp_path, EVENT, more="[messages.Sens]\ncycle_ms = 5\n")).command_cycle_ms() == 5.0
 
 
-def test_a_rigs_table_shows_how_messages_are_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_rig_check_lists_how_messages_are_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     main(["rig", "check", str(rig_with(tmp_path, EVENT, IF_ACTIVE))])
     lines = capsys.readouterr().out.splitlines()
     assert "received Cmd 0x340, 4 bytes, on events; protection: none" in lines
     assert "sent Sens 0x341, 8 bytes, every 100 ms, cyclic while active; protection: none" in lines
 
 
-def test_a_counter_that_begins_above_0_is_drafted_and_noted_with_its_lowest_value(tmp_path: Path):
+def test_a_counter_with_a_lowest_value_above_0_is_drafted_and_noted(tmp_path: Path):
     path = rig_with(tmp_path, CYCLIC, more='[messages.Cmd]\ncounter = "Alive"\n')
     text = draft_rig(tmp_path / "their.dbc", tmp_path / "d.toml").text
     assert (
@@ -124,7 +124,7 @@ def test_a_counter_that_begins_above_0_is_drafted_and_noted_with_its_lowest_valu
     ]
 
 
-def test_j1939_messages_are_told_to_be_matched_by_their_whole_identifier(
+def test_j1939_messages_are_noted_as_matched_by_the_whole_identifier(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     group = 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'

@@ -1,4 +1,4 @@
-"""Which signals of a database the bench may send: all but those that no table of the loop has room for."""
+"""Signals of a database that the bench can send: all but those beyond the loop's table sizes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DATABASE = (
 TABLES = BusTables(Messages(cantools.database.load_string(DATABASE, "dbc").messages), (), {})
 
 
-def test_a_message_with_more_pages_than_fit_and_one_for_another_bus_are_left_out() -> None:
+def test_messages_with_too_many_pages_or_for_another_kind_of_bus_are_left_out() -> None:
     few = ("FewCells.Cell0", "FewCells.Cell1", "FewCells.Cell2")
     assert sendable(TABLES, (), is_fd=False) == ("Speed.Wheel", *few)
     assert sendable(TABLES, ("FewCells",), is_fd=True) == ("Speed.Wheel", "Long.Far")

@@ -1,4 +1,4 @@
-"""MESSAGE.SIGNAL: whoever names a signal of the database is told in the same words what there is."""
+"""Look-up of MESSAGE.SIGNAL, and the messages for unknown names."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ def test_a_signal_is_found_by_its_name():
 
 
 @pytest.mark.parametrize("name", ["Nope.Speed", "body.Speed", ".Speed", "."])
-def test_a_message_that_there_is_not_is_reported_with_those_that_there_are(name: str):
+def test_an_unknown_message_is_reported_with_the_existing_ones(name: str):
     assert issue_with(name) == f"'{name}': no such message; allowed: MESSAGE.SIGNAL of Axle, Body"
 
 
 @pytest.mark.parametrize("name", ["Body.Nope", "Body.speed", "Body.", "Body", "Body.Speed.x"])
-def test_a_signal_that_there_is_not_is_reported_with_those_of_its_message(name: str):
+def test_an_unknown_signal_is_reported_with_those_of_its_message(name: str):
     assert issue_with(name) == f"'{name}': no such signal; allowed: Body.{{Speed, Alive}}"
 
 
-def test_what_is_not_for_the_caller_is_not_offered():
+def test_suggestions_omit_messages_and_signals_not_available_to_the_caller():
     said = issue_with("Nope.X", offered=["Body"])
     assert said.endswith("no such message; allowed: MESSAGE.SIGNAL of Body")
     assert issue_with("Nope.X", offered=[]).endswith("MESSAGE.SIGNAL of none")
     assert issue_with("Body.X", left_out=["Alive"]).endswith("allowed: Body.{Speed}")
 
 
-def test_of_many_messages_twenty_are_reported_and_how_many_more_there_are():
+def test_at_most_twenty_existing_messages_are_listed():
     many = Messages(Message(number, f"M{number:02}", 8, []) for number in range(23))
     issues = ConfigIssues("file")
     find_signal(issues, "key", "X.Y", many)

@@ -1,4 +1,4 @@
-"""One car of a production, and one without imperfections."""
+"""Cars drawn from the spread of a production, and ideal cars without imperfections."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def cars(path: Path, count: int = CARS) -> list[Vehicle]:
     return [load_vehicle(path, draw=seed) for seed in range(count)]
 
 
-def test_each_distribution_is_the_one_of_the_file(tmp_path: Path):
+def test_drawn_values_have_the_distribution_given_in_the_file(tmp_path: Path):
     path = vehicle_file(
         tmp_path,
         "[spread.motor]\n"
@@ -73,7 +73,7 @@ def test_each_distribution_is_the_one_of_the_file(tmp_path: Path):
     assert {each.sensors.hall_wheel for each in drawn} <= {*map(float, range(1, 10))}  # a whole number
 
 
-def test_each_drive_has_its_own_and_what_follows_goes_with_it(tmp_path: Path):
+def test_each_drive_is_drawn_on_its_own_and_dependent_parameters_follow(tmp_path: Path):
     path = vehicle_file(
         tmp_path,
         "[spread.motor]\n"
@@ -92,7 +92,7 @@ def test_each_drive_has_its_own_and_what_follows_goes_with_it(tmp_path: Path):
     assert len({each.right.gear.friction_torque for each in drawn}) == 300
 
 
-def test_a_car_is_the_same_whatever_else_is_drawn(tmp_path: Path):
+def test_a_drawn_value_does_not_depend_on_which_others_are_drawn(tmp_path: Path):
     few = vehicle_file(tmp_path, "[spread.gate]\nmass = { relative = 0.02 }\n")
     alone = [each.gate.mass for each in cars(few, 20)]
     assert len(set(alone)) == 20
@@ -102,7 +102,7 @@ def test_a_car_is_the_same_whatever_else_is_drawn(tmp_path: Path):
     assert [each.gate.mass for each in cars(more, 20)] == alone
 
 
-def test_what_is_set_holds_and_the_rest_is_spread_about_it(tmp_path: Path):
+def test_settings_are_kept_and_only_other_parameters_are_drawn(tmp_path: Path):
     path = vehicle_file(
         tmp_path, "[spread]\nmotor.resistance = { relative = 0.1 }\ngate.mass = { relative = 0.1 }\n"
     )
@@ -114,14 +114,14 @@ def test_what_is_set_holds_and_the_rest_is_spread_about_it(tmp_path: Path):
     assert one.right.motor.resistance == load_vehicle(path, draw=5).right.motor.resistance
 
 
-def test_a_share_of_nothing_is_nothing(tmp_path: Path):
+def test_a_relative_spread_of_a_value_of_0_gives_0(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread.spring]\nstiffness = { relative = 0.1 }\n")
     assert load_vehicle(path, ["spring.stiffness=0"], draw=1).left.spring.stiffness == 0.0
     with_none = vehicle_file(tmp_path, "[spread.sensors]\nangle_noise_deg = { relative = 0.1 }\n")
     assert load_vehicle(with_none, draw=1).sensors.angle_noise == 0.0
 
 
-def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
+def test_a_drawn_value_stays_in_the_range_of_its_key(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread.gear]\nefficiency = { absolute = 0.5 }\n")
     drawn = [each.left.gear.efficiency for each in cars(path, 300)]
     assert max(drawn) == 1.0
@@ -147,7 +147,7 @@ def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
         ("motor.inductance = { relative = 0.1, mean = 2 }", "mean: 2: unknown key"),
     ],
 )
-def test_what_is_wrong_with_it_is_reported_whether_drawn_or_not(tmp_path: Path, entry: str, wanted: str):
+def test_an_invalid_spread_is_reported_with_and_without_a_draw(tmp_path: Path, entry: str, wanted: str):
     path = vehicle_file(tmp_path, f"[spread]\n{entry}\n")
     for draw in (None, 1):
         with pytest.raises(errors.ConfigError, match=wanted) as caught:
@@ -155,7 +155,7 @@ def test_what_is_wrong_with_it_is_reported_whether_drawn_or_not(tmp_path: Path, 
         assert all("spread." in line for line in str(caught.value).splitlines())
 
 
-def test_what_cannot_be_is_refused(tmp_path: Path):
+def test_impossible_combinations_with_a_draw_are_refused(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread]\ngate.mass = { relative = 0.1 }\n")
     with pytest.raises(errors.ConfigError, match="`draw` 1: allowed without `ideal`"):
         load_vehicle(path, draw=1, ideal=True)
@@ -194,7 +194,7 @@ WORN = {
 }
 
 
-def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
+def test_an_ideal_car_has_none_of_the_imperfections(tmp_path: Path):
     document = tomlkit.parse(WITHOUT)
     sensors: Any = document.setdefault("sensors", {})
     for key, about in ERRORS.items():
@@ -225,7 +225,7 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["suv", "heavy-suv", "compact"])
-def test_every_car_of_a_shipped_vehicle_is_one(name: str):
+def test_drawn_cars_of_a_shipped_vehicle_are_valid_and_scatter_about_it(name: str):
     drawn = [load_vehicle(name, draw=seed) for seed in range(300)]
     assert len({each.left.motor.resistance for each in drawn}) == 300
     assert len({each.sensors.hall_wheel for each in drawn}) == 300
@@ -234,7 +234,7 @@ def test_every_car_of_a_shipped_vehicle_is_one(name: str):
     assert np.median(friction) == pytest.approx(plain.left.gear.friction_torque, rel=0.03)
 
 
-def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
+def test_a_gate_of_the_python_api_can_be_a_drawn_car(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread.motor]\nresistance = { relative = 0.1 }\n")
     currents = []
     for draw in (None, 1, 2, 1):
@@ -246,7 +246,7 @@ def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
     assert len(set(currents)) == 3
 
 
-def test_runs_differ_by_their_seed_and_simulate_has_what_the_loop_has(tmp_path: Path):
+def test_run_to_run_friction_depends_on_the_seed_and_is_the_same_in_simulate_and_run(tmp_path: Path):
     text = WITHOUT.replace("[friction]", "[friction]\nrun_deviation = 0.1\neccentricity = 0.2")
     path = vehicle_file(tmp_path, "", text)
     duties = text_file(tmp_path / "duties.csv", "time_s,left_duty,right_duty\n0,0.6,0.6\n")
@@ -265,6 +265,6 @@ def test_runs_differ_by_their_seed_and_simulate_has_what_the_loop_has(tmp_path: 
     assert ends[0] == ends[2] != pytest.approx(ends[1], rel=0.05)
 
 
-def test_every_table_that_ideal_names_is_there():
+def test_every_imperfection_that_ideal_removes_is_an_existing_key():
     tables = {**DRIVE_TABLES, **BODY_TABLES}
     assert all(set(keys) <= set(keys_of(tables[name])) for name, keys in IDEAL.items())

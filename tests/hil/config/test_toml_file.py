@@ -1,4 +1,4 @@
-"""Whatever a user's file holds, what comes out is a ConfigError that names file, key and what is allowed."""
+"""Contents of TOML files: every mistake is a ConfigError with file, key and what is allowed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
     ],
     ids=["no value", "open table", "twice", "utf-16", "binary", "5000 digits", "deep nesting"],
 )
-def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
+def test_a_file_that_is_no_toml_is_one_issue_with_its_path(
     tmp_path: Path, load: Callable[[Path], Any], content: bytes
 ):
     path = tmp_path / "bad.toml"
@@ -43,7 +43,7 @@ def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_an_empty_file_never_raises_anything_else(tmp_path: Path, load: Callable[[Path], Any]):
+def test_an_empty_file_raises_only_config_error(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "empty.toml", "")
     if load is load_scenario:
         assert load(path).duration is None
@@ -60,7 +60,7 @@ def test_an_empty_file_never_raises_anything_else(tmp_path: Path, load: Callable
         *(pytest.param(sign * 10**400, id=f"{sign:+} huge") for sign in (1, -1)),
     ],
 )
-def test_what_is_no_number_in_range_is_a_fault_that_says_the_range(value: object):
+def test_a_value_that_is_no_number_in_range_is_reported_with_the_range(value: object):
     issues = ConfigIssues("file")
     number(issues, "key", value, 0.0, 10.0, "V")
     (line,) = issues.lines
@@ -69,26 +69,26 @@ def test_what_is_no_number_in_range_is_a_fault_that_says_the_range(value: object
 
 
 @pytest.mark.parametrize("value", [0, 0.0, 10, 10.0, 3])
-def test_a_range_holds_its_ends(value: float):
+def test_a_range_includes_its_limits(value: float):
     issues = ConfigIssues("file")
     assert number(issues, "key", value, 0.0, 10.0) == value
     assert issues.lines == []
 
 
 @pytest.mark.parametrize("value", [1, None, ["a"], "c", ""])
-def test_what_is_no_allowed_text_is_a_fault_that_says_what_is(value: object):
+def test_a_value_that_is_no_allowed_text_is_reported_with_the_allowed_ones(value: object):
     issues = ConfigIssues("file")
     assert text(issues, "key", value, ("a", "b")) == ""
     assert "a, b" in issues.lines[0]
 
 
-def test_an_empty_text_where_any_is_allowed_is_a_fault_too():
+def test_an_empty_text_is_an_issue_even_where_any_text_is_allowed():
     issues = ConfigIssues("file")
     text(issues, "key", "")
     assert issues.lines
 
 
-def test_unknown_keys_are_all_reported():
+def test_all_unknown_keys_are_reported():
     issues = ConfigIssues("file")
     known_keys(issues, "t", {"a": 1, "b": 2, "c": 3}, ("a", "d"))
     assert [line.split(": ")[1] for line in issues.lines] == ["t.b", "t.c"]
@@ -96,6 +96,6 @@ def test_unknown_keys_are_all_reported():
 
 
 @pytest.mark.parametrize("value", ["x" * 1000, "a\nb", list(range(1000))])
-def test_a_shown_value_is_short_and_on_one_line(value: object):
+def test_a_value_in_a_message_is_shortened_to_one_line(value: object):
     assert len(show(value)) <= 60
     assert "\n" not in show(value)

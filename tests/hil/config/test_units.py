@@ -1,4 +1,4 @@
-"""Units: whatever a database or a file writes, the value is right, or the unit is told to be none."""
+"""Conversion of units: known spellings give the right value, unknown units give none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHARE = Signal("", -1.0, 1.0, "")
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
-def test_every_quantity_of_the_catalogue_is_in_a_unit_that_is_known(name: str):
+def test_the_unit_of_every_quantity_of_the_catalogue_is_known(name: str):
     quantity = QUANTITIES[name]
     assert conversion(quantity, quantity.unit or "1") == (1.0, 0.0)
 
@@ -76,7 +76,7 @@ def test_every_quantity_of_the_catalogue_is_in_a_unit_that_is_known(name: str):
         ("%", "Prozent", 50.0, 50.0),
     ],
 )
-def test_a_known_unit_gives_our_value(ours: str, unit: str, theirs: float, is_ours: float):
+def test_a_value_in_a_known_unit_is_converted_to_ours(ours: str, unit: str, theirs: float, is_ours: float):
     factors = conversion(of_unit(ours), unit)
     assert factors is not None
     assert factors[0] * theirs + factors[1] == pytest.approx(is_ours, rel=1e-12)
@@ -104,11 +104,11 @@ def test_a_known_unit_gives_our_value(ours: str, unit: str, theirs: float, is_ou
         (SHARE, ""),
     ],
 )
-def test_what_is_something_else_or_not_known_is_no_conversion(ours: Signal, unit: str):
+def test_a_unit_of_another_dimension_or_unknown_has_no_conversion(ours: Signal, unit: str):
     assert conversion(ours, unit) is None
 
 
-def test_a_spelling_means_one_unit_of_a_dimension():
+def test_a_spelling_means_only_one_unit_of_a_dimension():
     for known in units._SPELLINGS.values():
         meant: dict[str, units.Unit] = {}
         for unit, names in known.items():
@@ -116,7 +116,7 @@ def test_a_spelling_means_one_unit_of_a_dimension():
                 assert meant.setdefault(units._folded(name), unit) == unit, name
 
 
-def test_a_number_and_a_share_are_distinguished():
+def test_the_dimensions_number_and_share_are_distinguished():
     assert dimension_of(COUNT) == "number"
     assert dimension_of(SHARE) == "share"
     assert conversion(COUNT, "counts") == (1.0, 0.0)
@@ -124,6 +124,6 @@ def test_a_number_and_a_share_are_distinguished():
     assert dimensions_named("g") == ["acceleration", "mass"]
 
 
-def test_spellings_hold_our_own_unit():
+def test_the_spellings_of_a_unit_include_our_own():
     assert spellings(of_unit("A"))["mA"] == (0.001, 0.0)
     assert spellings(of_unit("A"))["A"] == (1.0, 0.0)

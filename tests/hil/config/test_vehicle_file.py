@@ -1,4 +1,4 @@
-"""Vehicle files: what is allowed, all faults at once, and `--set`."""
+"""Vehicle files: allowed values, all issues at once, and `--set`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def changed(old: str, new: str) -> str:
     return SUV.replace(old, new)
 
 
-def test_the_shipped_vehicle_holds_what_its_file_says():
+def test_a_loaded_vehicle_has_the_values_of_its_file():
     vehicle = vehicle_from("suv")
     raw = tomllib.loads(SUV)
     assert vehicle.drives == 2
@@ -40,13 +40,13 @@ def test_the_shipped_vehicle_holds_what_its_file_says():
     assert vehicle.sensors.hall_counts == 4.0
 
 
-def test_a_default_is_the_one_that_the_table_itself_has():
+def test_defaults_of_a_file_are_those_of_the_parameter_classes():
     vehicle = vehicle_from("suv")
     assert vehicle.environment == BODY_TABLES["environment"]()
     assert vehicle.left.thermal == DRIVE_TABLES["thermal"]()
 
 
-def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+def test_all_issues_of_a_file_are_reported_at_once(tmp_path: Path):
     text = SUV
     for old, new in (
         ("drives = 2  ", "drives = 3  "),
@@ -97,7 +97,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         ("gate_point = [0.085, -0.18]", "gate_point = ['a', 0]", "gate.gate_point[0]"),
     ],
 )
-def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
+def test_each_issue_names_its_key(tmp_path: Path, old: str, new: str, key: str):
     text = SUV.replace(old, new, 1)
     assert text != SUV
     assert key in keys_of(issues_of(load, tmp_path, text))
@@ -117,7 +117,7 @@ def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
         ("eccentricity = 0.1\n[left.spindle]\nlead = 0.0001\n[left.friction]", None),
     ],
 )
-def test_a_wrong_friction_over_the_travel_names_its_key(tmp_path: Path, friction: str, key: str | None):
+def test_an_invalid_friction_over_the_travel_is_reported_by_key(tmp_path: Path, friction: str, key: str | None):
     text = SUV.replace("[friction]\n", f"[friction]\n{friction}\n")
     if key is None:  # fine enough for a gate of this size
         load(tmp_path, text)
@@ -134,7 +134,7 @@ def test_a_wrong_friction_over_the_travel_names_its_key(tmp_path: Path, friction
         ("left.motor.speed_constant=0.06", "left.motor.torque_constant"),
     ],
 )
-def test_a_motor_that_makes_energy_is_refused(setting: str, key: str):
+def test_a_motor_whose_constants_generate_energy_is_refused(setting: str, key: str):
     (line,) = issues_of(vehicle_from, "suv", [setting])
     assert key in line
     assert "makes energy" in line
@@ -160,16 +160,16 @@ def test_a_motor_that_makes_energy_is_refused(setting: str, key: str):
         (["sensors.current_window=0.001", "sensors.current_filter=0.01"], "allowed: one of them"),
     ],
 )
-def test_what_bridge_and_shunt_cannot_be_is_reported(settings: list[str], said: str):
+def test_invalid_combinations_of_bridge_and_shunt_are_reported(settings: list[str], said: str):
     (line,) = issues_of(vehicle_from, "suv", settings)
     assert said in line
 
 
-def test_constants_that_are_rounded_make_no_energy():
+def test_motor_constants_with_rounding_errors_are_accepted():
     vehicle_from("suv", ["motor.torque_constant=0.01225"])
 
 
-def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
+def test_a_friction_that_varies_too_finely_over_the_travel_is_refused(tmp_path: Path):
     far = re.sub(r"body_point = .*", "body_point = [-0.04, -9.0]", SUV)
     far = far.replace("gate_point = [0.085, -0.18]", "gate_point = [5.0, -0.18]")
     text = far.replace("[friction]\n", "[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n")
@@ -177,14 +177,14 @@ def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: 
 
 
 @pytest.mark.parametrize("name", [*DRIVE_TABLES, *BODY_TABLES, "left", "right"])
-def test_a_number_in_the_place_of_a_table_is_a_fault(tmp_path: Path, name: str):
+def test_a_number_in_the_place_of_a_table_is_an_issue(tmp_path: Path, name: str):
     tables = re.split(r"^(?=\[)", SUV, flags=re.MULTILINE)
     rest = "".join(table for table in tables if not table.startswith(f"[{name}]\n"))
     issues = issues_of(load, tmp_path, f"{name} = 3\n" + rest)
     assert any(fault.split(": ")[1] == name and "allowed: a table" in fault for fault in issues)
 
 
-def test_a_side_may_have_its_own_values(tmp_path: Path):
+def test_one_side_may_have_its_own_values(tmp_path: Path):
     text = SUV + "\n[left.motor]\nresistance = 0.9\n[right.spring]\nstiffness = 950\n"
     vehicle = load(tmp_path, text)
     assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.9, 0.708)
@@ -211,7 +211,7 @@ NEGATIVE = ("resistance = 0.708", "resistance = -1")
         ([("gate_point = [0.085, -0.18]", "gate_point = [0, 0]")], "", ["gate"]),
     ],
 )  # fmt: skip
-def test_a_fault_is_reported_once_under_the_key_that_has_it(
+def test_an_issue_is_reported_once_under_the_key_that_has_it(
     tmp_path: Path, changes: list[tuple[str, str]], more: str, keys: list[str]
 ):
     text = SUV
@@ -231,21 +231,21 @@ def test_a_fault_is_reported_once_under_the_key_that_has_it(
         ("", "missing"),
     ],
 )
-def test_what_one_drive_overrides_the_other_one_still_gets(tmp_path: Path, side: str, line: str, said: str):
+def test_a_shared_value_is_checked_although_one_side_overrides_it(tmp_path: Path, side: str, line: str, said: str):
     text = changed("resistance = 0.708", line) + f"\n[{side}.motor]\nresistance = 0.7\n"
     (issue,) = issues_of(load, tmp_path, text)
     assert f": motor.resistance: {said}" in issue or said in issue
     assert keys_of([issue]) == ["motor.resistance"]
 
 
-def test_a_shared_table_that_each_side_completes_is_whole(tmp_path: Path):
+def test_an_incomplete_shared_table_completed_by_each_side_is_accepted(tmp_path: Path):
     text = changed("resistance = 0.708", "")
     text += "\n[left.motor]\nresistance = 0.7\n[right.motor]\nresistance = 0.8\n"
     vehicle = load(tmp_path, text)
     assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.7, 0.8)
 
 
-def test_a_gate_with_one_drive_has_the_left_one_only(tmp_path: Path):
+def test_a_gate_with_one_drive_has_only_the_left_one(tmp_path: Path):
     vehicle = load(tmp_path, changed("drives = 2  ", "drives = 1  "))
     plant = plant_of(vehicle)
     assert vehicle.drives == 1
@@ -253,25 +253,25 @@ def test_a_gate_with_one_drive_has_the_left_one_only(tmp_path: Path):
 
 
 @pytest.mark.parametrize("value", ["7.5", "6.999"])
-def test_a_number_of_segments_is_whole(tmp_path: Path, value: str):
+def test_a_number_of_commutator_segments_must_be_whole(tmp_path: Path, value: str):
     (issue,) = issues_of(load, tmp_path, SUV, f"sensors.commutator_segments={value}")
     assert issue == f"`settings` sensors.commutator_segments: {value}; allowed: a whole number from 2 to 200"
 
 
-def test_an_actuator_without_a_length_is_an_issue_of_the_gate(tmp_path: Path):
+def test_coinciding_points_of_the_actuator_are_an_issue_of_the_gate(tmp_path: Path):
     (issue,) = issues_of(load, tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [-0.04, -0.62]"))
     assert "gate_point and body_point coincide" in issue
 
 
 @pytest.mark.parametrize("value", ["7e-8", "0.5", "2000"])
-def test_an_inertia_that_no_gate_of_that_mass_has_is_a_fault(tmp_path: Path, value: str):
+def test_an_inertia_impossible_for_the_gates_mass_is_an_issue(tmp_path: Path, value: str):
     (issue,) = issues_of(load, tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
     assert keys_of([issue]) == ["gate.inertia"]
     assert "kg m², or 0: from mass and plate" in issue
 
 
 @pytest.mark.parametrize("value", ["0", "4.0", "10.5", "60"])
-def test_an_inertia_that_a_gate_may_have_is_taken(tmp_path: Path, value: str):
+def test_a_possible_inertia_or_0_is_accepted(tmp_path: Path, value: str):
     vehicle = load(tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
     assert vehicle.gate.inertia == float(value)
 
@@ -279,7 +279,7 @@ def test_an_inertia_that_a_gate_may_have_is_taken(tmp_path: Path, value: str):
 # --set.
 
 
-def test_a_setting_replaces_a_value_of_the_file(tmp_path: Path):
+def test_a_setting_overrides_a_value_of_the_file(tmp_path: Path):
     vehicle = load(
         tmp_path, SUV, "environment.road_slope_deg=8", "drives = 1", "gate.hinge=[0.1, 0]",
         "motor.resistance=0.5", "motor.resistance=0.6",
@@ -290,7 +290,7 @@ def test_a_setting_replaces_a_value_of_the_file(tmp_path: Path):
     assert vehicle.left.motor.resistance == 0.6
 
 
-def test_a_setting_may_give_one_side_its_own_value(tmp_path: Path):
+def test_a_setting_may_override_the_value_of_one_side(tmp_path: Path):
     vehicle = load(tmp_path, SUV, "right.motor.resistance=0.9")
     assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.708, 0.9)
 
@@ -314,7 +314,7 @@ def test_a_setting_may_give_one_side_its_own_value(tmp_path: Path):
         ("motor=5", "motor"),
     ],
 )
-def test_a_bad_setting_is_reported(tmp_path: Path, setting: str, said: str):
+def test_an_invalid_setting_is_reported(tmp_path: Path, setting: str, said: str):
     issues = issues_of(load, tmp_path, SUV, setting)
     assert any(said in fault for fault in issues)
     assert all("\n" not in fault for fault in issues)
@@ -334,14 +334,14 @@ def test_a_bad_setting_is_reported(tmp_path: Path, setting: str, said: str):
         ("motor.resistance=1\ndrives=1", "allowed: KEY=VALUE"),
     ],
 )  # fmt: skip
-def test_what_a_setting_did_is_not_said_of_the_file(tmp_path: Path, setting: str, told: str):
+def test_an_issue_of_a_setting_is_not_reported_for_the_file(tmp_path: Path, setting: str, told: str):
     (issue,) = issues_of(load, tmp_path, SUV, setting)
     assert issue.startswith("`settings` ")
     assert told in issue
     assert "gate.toml" not in issue
 
 
-def test_a_fault_of_the_file_stays_the_files_beside_a_setting(tmp_path: Path):
+def test_an_issue_of_the_file_is_not_reported_for_a_setting(tmp_path: Path):
     text = changed("inductance = 4.37e-5", "inductance = -1")
     issues = issues_of(load, tmp_path, text, "motor.resistance=-5")
     assert [issue.split(": ")[0] for issue in issues] == [
@@ -350,12 +350,12 @@ def test_a_fault_of_the_file_stays_the_files_beside_a_setting(tmp_path: Path):
     ]
 
 
-def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
+def test_an_impossible_geometry_caused_by_a_setting_names_that_setting(tmp_path: Path):
     (issue,) = issues_of(load, tmp_path, SUV, "gate.open_angle_deg=170")
     assert issue.startswith(f"{tmp_path / 'gate.toml'}: gate (with `settings` gate.open_angle_deg): ")
 
 
-def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_reported_with_what_is():
+def test_an_unknown_vehicle_is_reported_with_the_shipped_ones():
     with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
         vehicle_from("nosuch")
     with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file; .*heavy-suv, suv"):
@@ -363,12 +363,12 @@ def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_reported_with_what_is()
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "/", "suv/"])
-def test_strange_names_are_no_vehicles(name: str):
+def test_empty_or_special_path_names_are_refused_as_vehicles(name: str):
     with pytest.raises(ConfigError):
         vehicle_from(name)
 
 
-def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
+def test_a_saved_value_replaces_the_own_value_of_one_side(tmp_path: Path):
     source = text_file(tmp_path / "gate.toml", SUV + "\n[left.motor]\nresistance = 0.9   # a worn one\n")
     text = vehicle_text(source, settings_of(["gate.mass=30"]), {"motor.resistance": 0.8}, {"model": "full"})
     vehicle = load(tmp_path, text)
@@ -377,7 +377,7 @@ def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
     assert "# a worn one" in text
 
 
-def test_a_saved_value_of_one_drive_leaves_the_other(tmp_path: Path):
+def test_a_value_saved_for_one_side_leaves_the_other_unchanged(tmp_path: Path):
     source = text_file(tmp_path / "gate.toml", SUV)
     values = {"right.motor.resistance": 0.8, "gate.body_point[1]": -0.63}
     vehicle = load(tmp_path, vehicle_text(source, [], values, {"model": "full"}))
@@ -385,7 +385,7 @@ def test_a_saved_value_of_one_drive_leaves_the_other(tmp_path: Path):
     assert vehicle.gate.body_point == (-0.04, -0.63)
 
 
-def test_a_vehicle_saved_twice_says_once_where_it_comes_from(tmp_path: Path):
+def test_a_vehicle_saved_twice_has_one_identification_table(tmp_path: Path):
     path = text_file(tmp_path / "gate.toml", SUV)
     for model in ("full", "third-order"):
         text = vehicle_text(path, [], {"motor.resistance": 0.8}, {"model": model})
@@ -396,12 +396,12 @@ def test_a_vehicle_saved_twice_says_once_where_it_comes_from(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("given", "value"), [(".5", 0.5), ("5.", 5.0), ("+.5e1", 5.0)])
-def test_a_setting_may_leave_out_the_zero_beside_its_point(tmp_path: Path, given: str, value: float):
+def test_a_setting_may_omit_the_zero_beside_its_decimal_point(tmp_path: Path, given: str, value: float):
     assert load(tmp_path, SUV, f"motor.resistance={given}").left.motor.resistance == value
 
 
 @pytest.mark.parametrize("given", [".", "..5", ".5.", ". 5", "5,0", "0x"])
-def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
+def test_a_setting_that_is_no_number_is_an_issue(tmp_path: Path, given: str):
     (issue,) = issues_of(load, tmp_path, SUV, f"motor.resistance={given}")
     assert issue.startswith("`settings` motor.resistance: ")
 
@@ -419,7 +419,7 @@ def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
         ({"hall_jitter_deg": 13.5}, True),
     ],
 )
-def test_edges_of_an_encoder_must_come_one_after_the_other(
+def test_encoder_errors_that_would_swap_the_order_of_edges_are_refused(
     errors_of_the_encoder: dict[str, float], is_allowed: bool
 ):
     settings = [f"sensors.{key}={value}" for key, value in errors_of_the_encoder.items()]

@@ -1,4 +1,4 @@
-"""What the tests of recordings' differences and pictures share."""
+"""Helpers shared by the tests of comparisons and pictures of recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two recordings against each other: the largest difference, when it was, its root mean square; and the frames."""
+"""Comparison of two recordings: largest difference, its time, root mean square; and their frames."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def compared(first: Path, second: Path, **more: object) -> Comparison:
     return compare_tables((open_table(first), open_table(second)), **more)  # type: ignore[arg-type]
 
 
-def test_a_recording_equals_itself_and_what_it_was_converted_to(tmp_path: Path) -> None:
+def test_a_recording_equals_itself_and_its_conversion(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     path = table(tmp_path / "a.csv", ROWS)
     convert(path, tmp_path / "b.mcap")
@@ -49,7 +49,7 @@ def test_a_recording_equals_itself_and_what_it_was_converted_to(tmp_path: Path) 
 def test_the_largest_difference_is_reported_with_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
-    """Also where the files are read in pieces of unlike numbers of rows."""
+    """Also where the files are read in blocks of different numbers of rows."""
     monkeypatch.setattr(csv_file, "_BLOCK", block)
     first = table(tmp_path / "a.csv", ROWS)
     others = [list(row) for row in ROWS]
@@ -82,7 +82,7 @@ def test_the_first_difference_is_the_first_one_beyond_the_tolerance(tmp_path: Pa
     assert (found.first, found.is_equal, found.largest) == (None, True, pytest.approx(-0.3))
 
 
-def test_a_tolerance_is_of_all_columns_or_of_one(tmp_path: Path) -> None:
+def test_a_tolerance_applies_to_all_columns_or_to_one(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     second = table(tmp_path / "b.csv", [(t, a + 0.5, b - 0.25) for t, a, b in ROWS])
     assert compared(first, second, tolerance=0.51).is_equal
@@ -93,7 +93,7 @@ def test_a_tolerance_is_of_all_columns_or_of_one(tmp_path: Path) -> None:
         compared(first, second, tolerances={"nosuch": 1.0})
 
 
-def test_rows_that_one_has_alone_are_reported_unless_they_are_out_of_the_window(tmp_path: Path) -> None:
+def test_rows_in_only_one_recording_are_reported_unless_outside_the_window(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     second = table(tmp_path / "b.csv", ROWS[3:60:2])
     found = compared(first, second)
@@ -105,7 +105,7 @@ def test_rows_that_one_has_alone_are_reported_unless_they_are_out_of_the_window(
     assert (inside.rows, inside.alone, inside.is_equal) == (31, (0, 0), True)
 
 
-def test_a_column_that_one_has_alone_is_reported_unless_others_are_named(tmp_path: Path) -> None:
+def test_a_column_in_only_one_recording_is_reported_unless_columns_are_named(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     second = table(tmp_path / "b.csv", [row[:2] for row in ROWS], "time_s,left_current_a\n")
     found = compared(first, second)
@@ -114,7 +114,7 @@ def test_a_column_that_one_has_alone_is_reported_unless_others_are_named(tmp_pat
     assert compared(first, second, columns=["left_current_a"]).is_equal
 
 
-def test_a_value_where_the_other_has_none_is_a_difference(tmp_path: Path) -> None:
+def test_a_value_where_the_other_recording_has_none_is_a_difference(tmp_path: Path) -> None:
     gap = [(t, math.nan if k == 7 else a, b) for k, (t, a, b) in enumerate(ROWS)]
     first, second = table(tmp_path / "a.csv", ROWS), table(tmp_path / "b.csv", gap)
     found = compared(first, second, tolerance=1e9).columns[0]
@@ -126,7 +126,7 @@ def test_a_value_where_the_other_has_none_is_a_difference(tmp_path: Path) -> Non
     assert compared(second, second).is_equal  # none in both is equal
 
 
-def test_what_cannot_be_compared_is_reported(tmp_path: Path) -> None:
+def test_recordings_that_cannot_be_compared_are_reported(tmp_path: Path) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     for rows, head, said in (
         ([(9.0, 1.0, 1.0)], HEAD, "no time in common"),
@@ -141,7 +141,7 @@ def test_what_cannot_be_compared_is_reported(tmp_path: Path) -> None:
 
 
 def steps(path: Path, at_ms: float, delay_ms: float = 0.0, spike_ms: int = -1, every: int = 1) -> Path:
-    """A signal that steps from 0 to 10, perhaps with a spike of one row; all rows come later by a delay."""
+    """A signal that steps from 0 to 10, optionally with a spike of one row; all rows are delayed."""
     times = list(range(0, 200, every))
     values = [5.0 if k == spike_ms else 10.0 * (k >= at_ms) for k in times]
     rows = [(round(1e-3 * (k + delay_ms), 9), each, 0.0) for k, each in zip(times, values, strict=True)]
@@ -150,10 +150,10 @@ def steps(path: Path, at_ms: float, delay_ms: float = 0.0, spike_ms: int = -1, e
 
 @pytest.mark.parametrize("block", [1 << 22, 300])
 @pytest.mark.parametrize("delay_ms", [0.0, 0.3, -0.3])
-def test_a_step_that_comes_later_by_the_tolerance_is_no_difference(
+def test_a_step_delayed_by_the_time_tolerance_is_no_difference(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, delay_ms: float
 ) -> None:
-    """Also where the rows themselves are at other times, and whichever recording is the first."""
+    """Also where the rows are at other times, and whichever recording is the first."""
     monkeypatch.setattr(csv_file, "_BLOCK", block)
     first = steps(tmp_path / "a.csv", 100)
     second = steps(tmp_path / "b.csv", 103, delay_ms)
@@ -167,7 +167,7 @@ def test_a_step_that_comes_later_by_the_tolerance_is_no_difference(
         assert late.at.time_s == pytest.approx(0.1, abs=0.004)
 
 
-def test_a_tolerance_shorter_than_the_raster_hides_no_delay_of_a_row(tmp_path: Path) -> None:
+def test_a_time_tolerance_shorter_than_the_sample_time_hides_no_delay(tmp_path: Path) -> None:
     first, second = (
         table(tmp_path / "a.csv", ROWS),
         table(tmp_path / "b.csv", [(t, *ROWS[max(k - 1, 0)][1:]) for k, (t, *_) in enumerate(ROWS)]),
@@ -176,14 +176,14 @@ def test_a_tolerance_shorter_than_the_raster_hides_no_delay_of_a_row(tmp_path: P
     assert compared(first, second, time_tolerance=0.001).is_equal
 
 
-def test_a_tolerance_beyond_the_recordings_is_refused(tmp_path: Path) -> None:
+def test_a_time_tolerance_longer_than_half_of_the_recordings_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", ROWS)
     assert compared(path, path, time_tolerance=0.04).is_equal
     with pytest.raises(ConfigError, match="longer than half of what both recordings hold"):
         compared(path, path, time_tolerance=0.06)
 
 
-def test_a_spike_that_one_recording_has_alone_remains_a_difference(tmp_path: Path) -> None:
+def test_a_spike_in_only_one_recording_remains_a_difference(tmp_path: Path) -> None:
     first, spike = steps(tmp_path / "a.csv", 100), steps(tmp_path / "b.csv", 100, spike_ms=150)
     for pair in ((first, spike), (spike, first)):
         found = compared(*pair, time_tolerance=0.004).columns[0]
@@ -192,7 +192,7 @@ def test_a_spike_that_one_recording_has_alone_remains_a_difference(tmp_path: Pat
         assert found.at.time_s == pytest.approx(0.15, abs=0.0041)
 
 
-def test_rows_of_another_raster_are_compared_within_the_tolerance(tmp_path: Path) -> None:
+def test_recordings_of_different_sampling_rates_are_compared_within_the_time_tolerance(tmp_path: Path) -> None:
     first, thin = steps(tmp_path / "a.csv", 100), steps(tmp_path / "b.csv", 100, every=10)
     assert compared(first, thin, time_tolerance=0.010).is_equal
     found = compared(first, thin, time_tolerance=0.004)
@@ -201,7 +201,7 @@ def test_rows_of_another_raster_are_compared_within_the_tolerance(tmp_path: Path
 
 
 def held(rows: list[tuple[float, float]], time: float) -> float:
-    """The value that holds at a time."""
+    """Return the value that holds at a time."""
     return next((value for at, value in reversed(rows) if at <= time + 1e-12), math.nan)
 
 
@@ -209,8 +209,8 @@ def held(rows: list[tuple[float, float]], time: float) -> float:
     rows=st.tuples(*[st.lists(st.tuples(st.integers(1, 6), st.integers(0, 3)), min_size=1, max_size=12)] * 2),
     tolerance=st.integers(0, 7),
 )
-def test_the_difference_is_that_of_a_fine_raster(rows: tuple[list[tuple[int, int]], ...], tolerance: int) -> None:
-    """Each signal at every fourth of a millisecond, against all values of the other within the tolerance."""
+def test_differences_equal_a_brute_force_result(rows: tuple[list[tuple[int, int]], ...], tolerance: int) -> None:
+    """Each signal, every quarter of a millisecond, against all values of the other within the tolerance."""
     both = []
     for steps_and_values in rows:
         times = np.cumsum([step for step, _ in steps_and_values]).tolist()
@@ -235,7 +235,7 @@ def test_the_difference_is_that_of_a_fine_raster(rows: tuple[list[tuple[int, int
 
 
 def largest_of(both: list[list[tuple[float, float]]], tolerance: int) -> float | None:
-    """The largest difference of two signals, with times in milliseconds; None: there is no window to compare."""
+    """The largest difference of two signals, with times in milliseconds; None if there is no time to compare."""
     tables = tuple(Rows(path=Path("x"), content=tuple((1e-3 * t, v) for t, v in own)) for own in both)
     with contextlib.suppress(ConfigError):
         return abs(compare_tables(tables, time_tolerance=1e-3 * tolerance).columns[0].largest)  # type: ignore[arg-type]
@@ -244,7 +244,7 @@ def largest_of(both: list[list[tuple[float, float]]], tolerance: int) -> float |
 
 @dataclass(frozen=True, kw_only=True)
 class Rows(Recording):
-    """Rows of one column, in blocks of three."""
+    """A recording of one column, read in blocks of three rows."""
 
     content: tuple[tuple[float, float], ...]
     signals: Mapping[str, Signal] = field(default_factory=lambda: {"time_s": TIME, "x": TIME})
@@ -272,7 +272,7 @@ def test_frames_are_compared_one_by_one(tmp_path: Path) -> None:
         assert (found.counts, found.first) == ((50, count), unlike)
 
 
-def test_frames_of_a_run_in_real_time_are_the_same_in_every_format(tmp_path: Path) -> None:
+def test_frames_of_a_real_time_run_are_equal_in_every_format(tmp_path: Path) -> None:
     epoch = 1_700_000_000_123_000_000
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     for name in ("b.log", "b.asc", "b.trc"):
@@ -280,7 +280,7 @@ def test_frames_of_a_run_in_real_time_are_the_same_in_every_format(tmp_path: Pat
         assert compare_frames(open_recording(first), open_recording(second)).first is None
 
 
-def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(tmp_path: Path) -> None:
+def test_start_times_rounded_to_milliseconds_are_no_difference(tmp_path: Path) -> None:
     epoch = 1_700_000_000_123_456_000
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     by_less = log(tmp_path / "b.asc", FRAMES, [each + 456e-6 for each in STAMPS], epoch - 456_000)
@@ -293,7 +293,7 @@ def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(tm
     assert (found.first, found.what) == (20, "time")
 
 
-def test_frames_may_come_later_by_the_tolerance(tmp_path: Path) -> None:
+def test_frames_may_be_delayed_by_the_time_tolerance(tmp_path: Path) -> None:
     first = open_recording(log(tmp_path / "a.log", FRAMES, STAMPS))
     second = open_recording(
         log(tmp_path / "b.log", FRAMES, [each + 0.002 * (k > 20) for k, each in enumerate(STAMPS)])
@@ -309,7 +309,7 @@ def test_frames_may_come_later_by_the_tolerance(tmp_path: Path) -> None:
 # The command.
 
 
-def test_it_says_what_is_unlike_and_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_reports_differences_and_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = table(tmp_path / "a.csv", ROWS)
     others = [list(row) for row in ROWS]
     others[40][1] -= 0.25
@@ -334,7 +334,7 @@ def test_it_says_what_is_unlike_and_exits_with_1(tmp_path: Path, capsys: pytest.
     assert told["columns"]["gate_angle_deg"]["equal"]
 
 
-def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
+def test_bus_logs_are_compared_by_their_frames_or_their_decoded_signals(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [(0x220, bytes([k, 0, 0, 0, 0, 0, 0, 0])) for k in range(50)]
@@ -355,10 +355,10 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
 
 
 @pytest.mark.parametrize("more", [[], ["--rig", "liftgate"]])
-def test_bus_logs_whose_times_count_from_other_instants_are_the_same(
+def test_bus_logs_with_different_time_origins_are_equal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
 ) -> None:
-    """One logger was started 4.25 s before the other; their clocks show it."""
+    """One logger was started 4.25 s before the other, as their timestamps show."""
     rows, epoch = [(0x220, bytes([k, 0, 0, 0, 0, 0, 0, 0])) for k in range(50)], 1_700_000_000_123_456_000
     first = str(log(tmp_path / "a.blf", rows, STAMPS, epoch))
     second = str(log(tmp_path / "b.log", rows, [each + 4.25 for each in STAMPS], epoch - 4_250_000_000))
@@ -401,7 +401,7 @@ def test_wrong_arguments_are_reported(
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_log_and_a_table_have_nothing_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bus_log_and_a_table_cannot_be_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = str(table(tmp_path / "a.csv", ROWS))
     second = str(log(tmp_path / "b.log", FRAMES, STAMPS))
     assert main(["compare", first, second]) == 2
@@ -410,7 +410,7 @@ def test_a_log_and_a_table_have_nothing_to_compare(tmp_path: Path, capsys: pytes
     assert capsys.readouterr().err == f"liftgate-hil: {tmp_path / 'nosuch.csv'}: no such file\n"
 
 
-def test_signals_are_decoded_by_the_recordings_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_signals_are_decoded_by_the_recorded_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("mcap")
     for name, angle in (("a.mcap", 30.0), ("b.mcap", 30.25)):
         lh.run(find_config("scenarios", "demo"), initial=angle, duration=0.1, record=tmp_path / name)
@@ -422,7 +422,7 @@ def test_signals_are_decoded_by_the_recordings_rig(tmp_path: Path, capsys: pytes
     assert main(["compare", paths[0], paths[0], "--columns", "Gate.Angle,gate_angle_deg"]) == 0
 
 
-def test_the_function_takes_the_flags_as_arguments_and_gives_what_json_prints(
+def test_the_function_compare_takes_the_flags_as_arguments_and_returns_the_printed_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one, other = table(tmp_path / "a.csv", ROWS), table(tmp_path / "b.csv", ROWS)
@@ -435,7 +435,7 @@ def test_the_function_takes_the_flags_as_arguments_and_gives_what_json_prints(
         lh.compare(one, other, tolerance=-1)
 
 
-def test_the_function_draws_as_the_command_does(tmp_path: Path) -> None:
+def test_the_function_plot_draws_the_same_picture_as_the_command(tmp_path: Path) -> None:
     one = table(tmp_path / "a.csv", ROWS)
     assert lh.plot(one).path == Path(f"{one}.png")
     assert main(["plot", str(one), "--output", str(tmp_path / "b.png")]) == 0

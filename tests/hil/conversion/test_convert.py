@@ -1,4 +1,4 @@
-"""Recordings in other formats: every value to the last bit, every frame as it was; else nothing, and why."""
+"""Conversion of recordings to other formats: each value and frame exactly preserved, or an error."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ EDGES = [0.0, -0.0, 1.0 / 3.0, 5e-324, -1.7976931348623157e308, 1e22, 0.1 + 0.2,
 
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Formats that write and read little at a time, so that a short recording has several blocks in each."""
+    """Make formats read and write small blocks, so that a short recording has several of them."""
     for module, name, size in (
         (csv_file, "_BLOCK", 1 << 16), (csv_writer, "_BLOCK", 100),
         (mcap_file, "_ROWS", 100), (mcap_file, "_CHUNK", 1 << 16),
@@ -65,7 +65,7 @@ def some_rows(count: int = 700) -> np.ndarray:
 
 
 def some_frames(kinds: int = 0, count: int = 900) -> Any:
-    """Data frames, and where `kinds` says so remote, CAN FD, error frames."""
+    """Return data frames, and also remote, CAN FD and error frames where `kinds` says so."""
     random = np.random.default_rng(3)
     shapes = [(0x120, 8), (0x7FF, 0), (0x1ABCDEF0 | EXTENDED, 5), (0x5 | EXTENDED, 1)]
     shapes += [(0x333 | REMOTE, 0), (0x1ABCDEF1 | EXTENDED | REMOTE, 0)] if kinds & REMOTE else []
@@ -103,7 +103,7 @@ def frames_in(path: Path) -> Any:
 
 
 def holds(path: Path, rows: np.ndarray) -> bool:
-    """Whether a file holds the columns of a recording of these rows, to the last bit."""
+    """Tell whether a file has the columns of a recording of these rows, to the last bit."""
     return same_bits(rows_in(path), rows[:, [COLUMN_PLACE[name] for name in columns_of(2)]])
 
 
@@ -116,7 +116,7 @@ def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
 
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(TABLES, 2)))
-def test_a_table_goes_into_every_other_format_and_back_to_the_last_bit(
+def test_a_table_converted_there_and_back_is_unchanged_to_the_last_bit(
     tmp_path: Path, first: str, second: str
 ) -> None:
     rows = some_rows()
@@ -133,13 +133,13 @@ def test_a_table_goes_into_every_other_format_and_back_to_the_last_bit(
 
 
 def kinds_of(*suffixes: str) -> int:
-    """What kinds of frames all of these hold."""
+    """Return the kinds of frames that all of these formats can hold."""
     return REMOTE | FD | (ERROR if set(suffixes) <= {".mf4", ".mcap", ".log"} else 0)
 
 
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(LOGS, 2)))
-def test_a_bus_log_goes_into_every_other_format_and_back(tmp_path: Path, first: str, second: str) -> None:
+def test_a_bus_log_converted_there_and_back_is_unchanged(tmp_path: Path, first: str, second: str) -> None:
     frames = some_frames(kinds_of(first, second))
     path = recorded(tmp_path / f"run{first}", frames=frames)
     for step, suffix in enumerate((second, first)):
@@ -159,7 +159,7 @@ def test_a_bus_log_goes_into_every_other_format_and_back(tmp_path: Path, first: 
 
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(BOTH, 2)))
-def test_what_holds_both_goes_into_what_holds_both(tmp_path: Path, first: str, second: str) -> None:
+def test_formats_for_rows_and_frames_convert_into_each_other(tmp_path: Path, first: str, second: str) -> None:
     rows, frames = some_rows(), some_frames(kinds_of(first, second))
     rows[:, 0] *= 50.0  # the rows' blocks lie between those of the frames
     path = recorded(tmp_path / f"run{first}", rows, frames)
@@ -172,7 +172,7 @@ def test_what_holds_both_goes_into_what_holds_both(tmp_path: Path, first: str, s
     assert np.array_equal(np.sort(found), np.sort(frames))
 
 
-def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_reported(tmp_path: Path) -> None:
+def test_rows_or_frames_that_the_target_cannot_hold_are_omitted_and_reported(tmp_path: Path) -> None:
     rows, frames = some_rows(100), some_frames(0, 100)
     path = recorded(tmp_path / "run.mf4", rows, frames)
     done = convert(path, tmp_path / "rows.csv")
@@ -194,7 +194,7 @@ def with_marks(path: Path) -> Path:
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize("second", BOTH)
 @pytest.mark.parametrize("first", BOTH)
-def test_marks_go_along_in_order_of_time(tmp_path: Path, first: str, second: str) -> None:
+def test_marks_are_converted_in_order_of_time(tmp_path: Path, first: str, second: str) -> None:
     target = tmp_path / f"out{second}"
     done = convert(with_marks(tmp_path / f"run{first}"), target)
     assert (done.rows, done.frames, done.marks, done.notes) == (20, COUNT, 3, ())
@@ -204,7 +204,7 @@ def test_marks_go_along_in_order_of_time(tmp_path: Path, first: str, second: str
     assert np.array_equal(np.sort(frames_in(target)), np.sort(some_frames(0, COUNT)))
 
 
-def test_marks_of_one_time_keep_their_order(tmp_path: Path) -> None:
+def test_marks_at_the_same_time_keep_their_order(tmp_path: Path) -> None:
     marks = [(10.4, "second of its name"), (10.4, "command: first of its name")]
     convert(recorded(tmp_path / "run.mcap", some_rows(20), marks=marks), tmp_path / "out.mf4")
     assert [text for _, text in open_recording(tmp_path / "out.mf4").marks] == [text for _, text in marks]
@@ -212,7 +212,7 @@ def test_marks_of_one_time_keep_their_order(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize("suffix", [".asc", ".trc"])
-def test_a_mark_stands_in_a_text_log_between_the_frames_around_it(tmp_path: Path, suffix: str) -> None:
+def test_a_mark_in_a_text_log_is_between_the_frames_around_its_time(tmp_path: Path, suffix: str) -> None:
     target = tmp_path / f"out{suffix}"
     assert convert(with_marks(tmp_path / "run.mcap"), target).marks == 3
     lines = target.read_text(encoding="utf-8").splitlines()
@@ -225,7 +225,7 @@ def test_a_mark_stands_in_a_text_log_between_the_frames_around_it(tmp_path: Path
 
 
 @pytest.mark.usefixtures("small_blocks")
-def test_marks_that_a_target_cannot_hold_or_changes_are_counted(
+def test_marks_that_a_target_cannot_hold_or_alters_are_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = with_marks(tmp_path / "run.mcap")
@@ -247,7 +247,7 @@ def test_a_mark_at_a_time_that_the_target_cannot_hold_is_refused(tmp_path: Path)
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
-def test_a_table_of_somebody_else_keeps_names_and_values(tmp_path: Path, suffix: str) -> None:
+def test_a_foreign_table_keeps_its_names_and_values(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / "theirs.csv"
     path.write_text("time_s;Iq [mA];Motor.Speed;n\n0;1.5;-0.0;3\n.5;;2e-3;4\r\n1;7;8;9\n")
     convert(path, tmp_path / f"out{suffix}")
@@ -294,8 +294,8 @@ def test_a_value_that_would_be_lost_is_reported(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_is_left_out_of_frames_is_noted_beside_rows(tmp_path: Path) -> None:
-    """The rows are read after the frames, or before them."""
+def test_left_out_frames_and_samples_are_noted_separately(tmp_path: Path) -> None:
+    """Whether the rows are read after the frames or before them."""
     found = open_recording(recorded(tmp_path / "one.mf4", some_rows(300), some_frames()))
     found.account.leave_out("frame", "of another bus", "can1")
     list(found.rows(["time_s"]))
@@ -308,7 +308,7 @@ def test_what_is_left_out_of_frames_is_noted_beside_rows(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("suffix", LOGS)
-def test_a_bus_of_several_is_chosen_or_nothing_is_written(tmp_path: Path, suffix: str) -> None:
+def test_a_log_of_several_buses_needs_the_choice_of_one(tmp_path: Path, suffix: str) -> None:
     path, target = tmp_path / "run.log", tmp_path / f"out{suffix}"
     path.write_text("(0.5) can0 120#01 R\n(0.6) can1 121##301 R\n")
     with pytest.raises(ConfigError, match="frames of 2 buses, can0 and can1; allowed: one"):
@@ -321,7 +321,7 @@ def test_a_bus_of_several_is_chosen_or_nothing_is_written(tmp_path: Path, suffix
     assert open_recording(target).channel == "can1"
 
 
-def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -> None:
+def test_a_truncated_text_log_is_converted_without_its_last_line(tmp_path: Path) -> None:
     frames = some_frames(0, 50)
     for suffix in (".log", ".asc", ".trc"):
         path = recorded(tmp_path / f"run{suffix}", frames=frames)
@@ -333,7 +333,7 @@ def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -
 
 
 def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """What the command says; it must refuse."""
+    """Return the messages of the command, which must refuse."""
     assert main(["convert", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -344,7 +344,7 @@ def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_file_that_is_none_is_reported_in_a_line(
+def test_an_empty_missing_or_invalid_file_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path, out = tmp_path / f"run{suffix}", str(tmp_path / "out.mcap")
@@ -358,7 +358,7 @@ def test_a_file_that_is_none_is_reported_in_a_line(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_of_a_blf_that_is_cut_off_what_is_there_is_read(tmp_path: Path) -> None:
+def test_the_complete_part_of_a_truncated_blf_is_converted(tmp_path: Path) -> None:
     frames = some_frames(0, 5000)
     path = recorded(tmp_path / "run.blf", frames=frames)
     whole = path.read_bytes()
@@ -370,7 +370,7 @@ def test_of_a_blf_that_is_cut_off_what_is_there_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".mf4", ".mcap", ".parquet"])
-def test_a_binary_file_that_is_cut_off_is_reported_in_a_line(
+def test_a_truncated_binary_file_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     form = FORMATS[suffix]
@@ -385,7 +385,7 @@ def test_a_binary_file_that_is_cut_off_is_reported_in_a_line(
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_whatever_a_file_holds_it_is_converted_or_reported_in_a_line(tmp_path: Path, suffix: str) -> None:
+def test_a_randomly_damaged_file_is_converted_or_reported_in_one_line(tmp_path: Path, suffix: str) -> None:
     random = np.random.default_rng(5)
     form = FORMATS[suffix]
     rows = some_rows(40) if form.has_rows else None
@@ -432,7 +432,7 @@ def test_wrong_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_what_was_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_number_of_rows_and_frames_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded(tmp_path / "run.mf4", some_rows(5), some_frames(0, 7))
     assert main(["convert", str(path), str(tmp_path / "out.mcap")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'out.mcap'}: 5 rows, 7 frames\n"
@@ -444,7 +444,7 @@ def test_what_was_written_is_reported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_file_that_is_there_is_set_aside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_target_file_is_set_aside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded(tmp_path / "run.mf4", some_rows(5))
     target, aside = tmp_path / "out.csv", tmp_path / "out.previous.csv"
     target.write_text("before")
@@ -458,7 +458,7 @@ def test_a_file_that_is_there_is_set_aside(tmp_path: Path, capsys: pytest.Captur
     assert convert(path, tmp_path / "new.csv").aside is None
 
 
-def test_a_target_that_is_no_regular_file_is_written_to(tmp_path: Path) -> None:
+def test_a_target_that_is_a_device_is_written_to(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", frames=some_frames(0, 5))
     target = tmp_path / "out.log"
     target.symlink_to("/dev/null")
@@ -467,7 +467,7 @@ def test_a_target_that_is_no_regular_file_is_written_to(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == [target, path]
 
 
-def test_a_source_is_not_replaced_by_what_is_set_aside(tmp_path: Path) -> None:
+def test_setting_a_target_aside_does_not_replace_the_source(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.previous.csv", some_rows(5))
     before = path.read_bytes()
     recorded(tmp_path / "run.csv", some_rows(7))
@@ -477,7 +477,7 @@ def test_a_source_is_not_replaced_by_what_is_set_aside(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("small_blocks")
-def test_one_that_is_stopped_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_stopped_conversion_leaves_the_previous_target(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.mcap", some_rows(1_000), some_frames(0, 1_000))
     target = tmp_path / "out.mf4"
     target.write_text("before")
@@ -490,8 +490,8 @@ def test_one_that_is_stopped_leaves_what_was_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_and_nothing_is_written(tmp_path: Path, number: int) -> None:
-    """A pipe in the place of the recording, so that it is certainly under way."""
+def test_sigint_or_sigterm_ends_convert_without_an_output_file(tmp_path: Path, number: int) -> None:
+    """The target is a pipe, so that the conversion is certainly under way."""
     pipe = tmp_path / "out.log"
     os.mkfifo(pipe)
     path = recorded(tmp_path / "run.log", frames=some_frames(0, 60_000))  # three blocks
@@ -512,7 +512,7 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path: Path, number: int) ->
         os.close(reader)
 
 
-def test_an_empty_file_that_a_killed_run_left_names_the_texts_beside_it(
+def test_the_message_for_an_empty_file_names_the_text_recordings_beside_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "run.mf4"
@@ -524,8 +524,8 @@ def test_an_empty_file_that_a_killed_run_left_names_the_texts_beside_it(
     assert capsys.readouterr().err.endswith(said)
 
 
-def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
-    """In a process of its own, whose files may not grow beyond 50 kB: of modules it keeps none."""
+def test_a_full_disk_is_reported_and_no_file_is_left(tmp_path: Path) -> None:
+    """In a process whose files may not grow beyond 50 kB; bytecode of modules is not written."""
     path = recorded(tmp_path / "run.csv", some_rows(2000))
     code = (
         "import resource, sys\n"

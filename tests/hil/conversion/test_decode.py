@@ -1,4 +1,4 @@
-"""Frames decoded into a table: as cantools decodes them, one by one."""
+"""Decoding of bus frames into a table, compared with cantools."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def table_of(database: Any, *blocks: Any) -> dict[str, np.ndarray]:
 
 @st.composite
 def layouts(draw: Any) -> str:
-    """A signal anywhere in 64 bytes, of at most 52 bits: a float holds them all."""
+    """Draw a signal anywhere in 64 bytes, of at most 52 bits, which a float represents exactly."""
     length = draw(st.integers(1, 52))
     first = draw(st.integers(0, 512 - length))  # the first bit, in the order of the bytes
     if draw(st.booleans()):
@@ -58,7 +58,7 @@ def layouts(draw: Any) -> str:
 
 @CALM
 @given(layouts(), st.lists(st.binary(min_size=64, max_size=64), min_size=1, max_size=4))
-def test_any_signal_is_what_cantools_makes_of_it(layout: str, payloads: list[bytes]) -> None:
+def test_any_signal_is_decoded_as_by_cantools(layout: str, payloads: list[bytes]) -> None:
     database = database_of(layout)
     frames = frames_at(list(range(len(payloads))), [(100 | FD, each) for each in payloads])
     expected = [database.decode_message(100, each)["S"] for each in payloads]
@@ -74,7 +74,7 @@ def test_a_float_is_decoded(bits: int, kind: str) -> None:
     assert table_of(database, frames)["M.S"].tolist() == [0.6875]
 
 
-def test_a_signal_holds_until_its_message_comes_again() -> None:
+def test_a_signal_is_held_until_its_next_frame() -> None:
     database = database_of(
         'SG_ S : 0|8@1+ (1,0) [0|0] "" A', "", 'BO_ 101 N: 8 A\n SG_ T : 0|8@1+ (1,0) [0|0] "" A'
     )
@@ -104,7 +104,7 @@ BYTE = '8@1+ (1,0) [0|0] "" A'
         ),
     ],
 )
-def test_a_signal_has_a_value_from_its_first_frame_on(
+def test_a_signal_has_no_value_before_its_first_frame(
     signals: tuple[str, ...], payloads: tuple[bytes, ...], expected: dict[str, list[float]]
 ) -> None:
     table = table_of(database_of(*signals), frames_at([1, 2, 3], [(100, each) for each in payloads]))
@@ -112,7 +112,7 @@ def test_a_signal_has_a_value_from_its_first_frame_on(
         np.testing.assert_array_equal(table[name], values)
 
 
-def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:
+def test_foreign_remote_and_error_frames_are_not_decoded() -> None:
     database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
     rows = [(100 | EXTENDED, b"\1"), (100 | REMOTE, b""), (100 | ERROR, b"\1"), (99, b"\1")]
     frames = frames_at([1, 2, 3, 4], rows)
@@ -122,7 +122,7 @@ def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:
     assert seen_in([frames, ours], {"M": database.messages[0]}) == database.messages
 
 
-def test_frames_that_a_bench_logged_late_are_put_in_order() -> None:
+def test_frames_logged_out_of_order_are_sorted_by_time() -> None:
     database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
     second = 1_000_000_000
     stamps = [0, 2 * second, 25 * second, 24 * second, 26 * second, 26 * second, 17 * second]
@@ -132,7 +132,7 @@ def test_frames_that_a_bench_logged_late_are_put_in_order() -> None:
         assert table["M.S"].tolist() == [0.0, 1.0, 6.0, 3.0, 2.0, 5.0]
 
 
-def test_frames_far_out_of_order_are_reported() -> None:
+def test_frames_more_than_10_s_out_of_order_are_reported() -> None:
     database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
     stamps = [5_000_000_000, 20_000_000_000, 4_000_000_000]
     frames = [frames_at([each], [(100, b"\1")]) for each in stamps]
@@ -141,7 +141,7 @@ def test_frames_far_out_of_order_are_reported() -> None:
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
+def test_the_bus_log_of_a_run_is_decoded_as_by_cantools(tmp_path: Path) -> None:
     lh.run("demo", duration=1.5, record=[tmp_path / "run.log"])
     done = convert(tmp_path / "run.log", tmp_path / "out.csv", str(DBC))
     (note,) = done.notes  # none on the frames, which are in the table
@@ -167,7 +167,7 @@ def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_rig_s_name_stands_for_its_database(tmp_path: Path) -> None:
+def test_a_rig_may_be_named_in_place_of_a_database(tmp_path: Path) -> None:
     lh.run("demo", duration=0.2, record=[tmp_path / "run.mf4"])
     done = convert(tmp_path / "run.mf4", tmp_path / "out.mcap", "liftgate")
     said = f"{len(columns_of(2))} columns omitted: with --rig the table holds the bus signals instead"

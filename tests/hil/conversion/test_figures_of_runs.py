@@ -1,4 +1,4 @@
-"""Figures of recordings: which curves they have, what is marked, and what they say where a column is missing."""
+"""Figures of recordings: curves, marks, captions, and messages for missing columns."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RECORDING = [name for name, kind in FIGURES.items() if kind.of_recording]
 
 
 def rows_of_a_run(peak: float = 120.0) -> dict[str, np.ndarray]:
-    """Closes at 10 deg/s to 20 deg, touches at 0.5 s, turns at 0.6 s, opens again."""
+    """Rows of a run: closes at 10 deg/s to 20 deg, touches at 0.5 s, reverses at 0.6 s, opens again."""
     rate = np.select([TIMES < 0.1, TIMES < 0.6, TIMES < 1.1], [0.0, -10.0, 12.0], 0.0)
     angle = 25.0 + np.concatenate([[0.0], np.cumsum(rate[:-1])]) * 0.001
     left = {
@@ -55,7 +55,7 @@ RUN = rows_of_a_run()
 
 
 def recorded(path: Path, names: tuple[str, ...] = COLUMNS, rows: dict[str, np.ndarray] = RUN) -> Path:
-    """A recording of these columns, whose own names end with what follows a blank."""
+    """Write a recording of these columns; a column's own name may follow after a blank."""
     values = [tuple(map(float, each)) for each in zip(*(rows[name.split()[0]] for name in names), strict=True)]
     return table(path, values, ",".join(name.split()[-1] for name in names) + "\n")
 
@@ -70,7 +70,7 @@ def draw(name: str, path: Path, **more: Any) -> Drawn:
 
 
 def curve(axis: Any, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """The points of the line of that name."""
+    """Return the points of the line with a label."""
     (found,) = [each for each in axis.lines if each.get_label() == label]
     return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
 
@@ -80,7 +80,7 @@ def texts(axis: Any) -> str:
 
 
 def legend_hides_nothing(figure: Any) -> None:
-    """Every legend is above its axes, and no two legends or titles overlap."""
+    """Check that every legend is above its axes, and that no two legends or titles overlap."""
     figure.canvas.draw()
     for axis in figure.axes:
         if axis.get_legend() is not None:
@@ -88,7 +88,7 @@ def legend_hides_nothing(figure: Any) -> None:
 
 
 def curves_differ_without_colour(axis: Any) -> None:
-    """Two curves that are named have different dashes or markers."""
+    """Check that any two labelled curves have different dashes or markers."""
     looks = [
         (str(each._unscaled_dash_pattern), each.get_marker())
         for each in axis.lines
@@ -97,7 +97,7 @@ def curves_differ_without_colour(axis: Any) -> None:
     assert len(set(looks)) == len(looks)
 
 
-def test_the_thesis_s_quantities_are_over_time_for_both_drives(tmp_path: Path) -> None:
+def test_the_thesis_figure_has_its_quantities_over_time_for_both_drives(tmp_path: Path) -> None:
     figure = draw("thesis", recorded(tmp_path / "run.csv")).figure
     electric, speed, position, angle, force, voltage = figure.axes
     assert [each.get_ylabel() for each in figure.axes] == [
@@ -134,7 +134,7 @@ def test_a_gate_with_one_drive_has_no_second_curve(tmp_path: Path) -> None:
     assert [each.get_text() for each in electric.get_legend().get_texts()] == ["current, left", "voltage, left"]
 
 
-def test_the_phase_portrait_tells_opening_from_closing_and_marks_both_ends(tmp_path: Path) -> None:
+def test_the_phase_portrait_distinguishes_opening_from_closing_and_marks_start_and_end(tmp_path: Path) -> None:
     (axis,) = draw("phase", recorded(tmp_path / "run.csv")).figure.axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("gate angle [deg]", "gate rate [deg/s]")
     angles, opening = curve(axis, "opening")
@@ -155,14 +155,14 @@ def test_the_phase_portrait_tells_opening_from_closing_and_marks_both_ends(tmp_p
     legend_hides_nothing(axis.figure)
 
 
-def test_a_run_that_ends_where_it_began_names_both_at_once(tmp_path: Path) -> None:
+def test_a_phase_portrait_that_ends_where_it_began_has_one_label_for_both(tmp_path: Path) -> None:
     back = {**RUN, "gate_angle_deg": RUN["gate_angle_deg"].copy()}
     back["gate_angle_deg"][-1] = 25.0
     (axis,) = draw("phase", recorded(tmp_path / "run.csv", rows=back)).figure.axes
     assert texts(axis) == "start, 0 s; end, 1.2 s"
 
 
-def test_a_long_portrait_is_thinned_along_its_path(tmp_path: Path) -> None:
+def test_a_long_phase_portrait_is_decimated_along_its_path(tmp_path: Path) -> None:
     times = np.arange(0.0, 20.0, 0.001)
     still = times < 19.0
     turn = np.where(still, 0.0, 2.0 * math.pi * (times - 19.0))
@@ -173,7 +173,7 @@ def test_a_long_portrait_is_thinned_along_its_path(tmp_path: Path) -> None:
     assert np.ptp(angles) == pytest.approx(60.0, abs=0.01)
 
 
-def test_the_contact_is_drawn_with_its_limit_peak_impulse_and_time_over_it(tmp_path: Path) -> None:
+def test_the_pinch_figure_has_limit_peak_impulse_and_time_over_the_limit(tmp_path: Path) -> None:
     found = draw("pinch", recorded(tmp_path / "run.csv"), limit=60.0)
     force, angle, current = found.figure.axes
     assert [each.get_ylabel() for each in found.figure.axes] == [
@@ -197,13 +197,13 @@ def test_the_contact_is_drawn_with_its_limit_peak_impulse_and_time_over_it(tmp_p
     assert "Limit: 60 N, gate.pinch_limit of suv;" in found.caption
 
 
-def test_a_force_below_its_limit_is_not_over_it(tmp_path: Path) -> None:
+def test_a_force_below_the_limit_is_labelled_as_0_ms_over_it(tmp_path: Path) -> None:
     force = draw("pinch", recorded(tmp_path / "run.csv"), limit=300.0).figure.axes[0]
     assert "180.0 N below the limit\nover the limit for 0 ms" in texts(force)
     assert force.get_ylim()[1] > 300.0
 
 
-def test_the_sums_of_a_contact_are_those_of_the_plant() -> None:
+def test_impulse_and_time_over_the_limit_equal_exact_integrals() -> None:
     event = pinch_event(RUN)
     assert event is not None
     contact = contact_of(RUN, event, 30.0)
@@ -221,14 +221,14 @@ def test_the_sums_of_a_contact_are_those_of_the_plant() -> None:
         ("phase", {"time_s": 0.0 * TIMES}, "only one time in the window; allowed: two or more"),
     ],
 )
-def test_rows_that_make_no_figure_are_refused(
+def test_recordings_that_make_no_figure_are_refused(
     tmp_path: Path, figure: str, rows: dict[str, np.ndarray], said: str
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         draw(figure, recorded(tmp_path / "run.csv", rows={**RUN, **rows}))
 
 
-def test_what_is_missing_is_named_in_one_message(tmp_path: Path) -> None:
+def test_all_missing_columns_are_reported_in_one_message(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.csv", ("time_s", "gate_angle_deg", "left_current_a"))
     with pytest.raises(ConfigError) as error:
         draw("phase", path)
@@ -241,7 +241,7 @@ def test_what_is_missing_is_named_in_one_message(tmp_path: Path) -> None:
     assert len(error.value.issues) == 1
 
 
-def test_the_sensors_stand_in_for_true_values_and_the_caption_says_so(tmp_path: Path) -> None:
+def test_sensed_values_replace_missing_true_ones_with_a_caption(tmp_path: Path) -> None:
     path = recorded(tmp_path / "run.csv", ("time_s", "gate_angle_deg sensed_gate_angle_deg", "gate_rate_degps"))
     found = draw("phase", path)
     assert curve(found.figure.axes[0], "opening")[0].tolist() == RUN["gate_angle_deg"].tolist()
@@ -255,14 +255,14 @@ def test_the_sensors_stand_in_for_true_values_and_the_caption_says_so(tmp_path: 
 @pytest.mark.parametrize("name", RECORDING)
 @pytest.mark.parametrize("spoilt", [math.nan, 0.0, math.inf, -1e300], ids=["gap", "zero", "infinite", "huge"])
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_gaps_and_rest_are_drawn(tmp_path: Path, name: str, spoilt: float) -> None:
+def test_gaps_and_extreme_values_are_drawn_without_an_error(tmp_path: Path, name: str, spoilt: float) -> None:
     rows = {column: values.copy() for column, values in RUN.items()}
     for column in COLUMNS[1:]:
         rows[column][:300] = spoilt
     assert draw(name, recorded(tmp_path / "run.csv", rows=rows)).figure.axes
 
 
-def test_of_rows_at_one_time_the_last_one_counts(tmp_path: Path) -> None:
+def test_of_rows_at_the_same_time_the_last_one_is_used(tmp_path: Path) -> None:
     path = table(tmp_path / "run.csv", [(0.0, 1.0), (1.0, 2.0), (1.0, 3.0)], "time_s,gate_angle_deg\n")
     found, _ = taken(subject(path), ["gate_angle_deg"])
     assert found["gate_angle_deg"].tolist() == [1.0, 3.0]
@@ -293,7 +293,7 @@ cycle_ms = 20
 
 
 def bus_log(folder: Path) -> Path:
-    """Frames of their database: an angle in rad, a rate in deg/s."""
+    """Write frames of a foreign database: an angle in rad, a rate in deg/s."""
     (folder / "theirs.dbc").write_text(DBC)
     (folder / "theirs.toml").write_text(RIG)
     pairs = [(100 * k, 500 - 20 * k) for k in range(50)]
@@ -301,7 +301,7 @@ def bus_log(folder: Path) -> Path:
     return log(folder / "a.log", [(0x301, each) for each in payloads], [0.005 * k for k in range(50)])
 
 
-def test_a_bus_log_has_the_columns_that_its_rig_maps_in_our_units(tmp_path: Path) -> None:
+def test_figures_of_a_bus_log_use_mapped_signals_in_our_units(tmp_path: Path) -> None:
     path = bus_log(tmp_path)
     rig = str(tmp_path / "theirs.toml")
     assert load_rig(Path(rig)).outputs[0].scale == pytest.approx(180.0 / math.pi)
@@ -311,7 +311,7 @@ def test_a_bus_log_has_the_columns_that_its_rig_maps_in_our_units(tmp_path: Path
     assert rates[:20] == pytest.approx(5.0 - 0.2 * np.arange(20), abs=1e-9)
 
 
-def test_a_bus_log_names_what_its_rig_does_not_map(tmp_path: Path) -> None:
+def test_signals_that_the_rig_of_a_bus_log_does_not_map_are_reported(tmp_path: Path) -> None:
     path = bus_log(tmp_path)
     with pytest.raises(ConfigError) as error:
         draw("pinch", path, rig=str(tmp_path / "theirs.toml"))
@@ -322,7 +322,7 @@ def test_a_bus_log_names_what_its_rig_does_not_map(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("flags", "limit"), [([], 77.0), (["--vehicle", "suv"], None)])
-def test_the_limit_is_that_of_the_recorded_vehicle_unless_one_is_given(
+def test_the_force_limit_is_that_of_the_recorded_vehicle_unless_another_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flags: list[str], limit: float | None
 ) -> None:
     path, seen = tmp_path / "run.mf4", list[FigureSubject]()

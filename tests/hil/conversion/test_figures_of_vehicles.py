@@ -1,4 +1,4 @@
-"""Figures of vehicles: their curves and areas are those of the plant's functions; and all figures as files."""
+"""Figures of vehicles, whose curves and areas are those of the plant's functions, and their files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def figure_of(figure: str, name: str, *settings: str) -> Any:
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_the_torques_are_those_of_the_plant(name: str) -> None:
+def test_torque_curves_equal_the_torques_of_the_plant(name: str) -> None:
     rest, figure = rest_of(name), figure_of("forces", name)
     near, whole, drives_near, drives = figure.axes
     top = math.degrees(vehicle_from(name).gate.open_angle)
@@ -72,7 +72,7 @@ def test_the_torques_are_those_of_the_plant(name: str) -> None:
 
 
 @pytest.mark.parametrize(("along", "word"), [(OPENING, "opening"), (CLOSING, "closing")])
-def test_what_the_drives_give_is_that_of_the_plant(along: float, word: str) -> None:
+def test_drive_torque_curves_equal_those_of_the_plant(along: float, word: str) -> None:
     rest, drives = rest_of("heavy-suv"), figure_of("forces", "heavy-suv").axes[-1]
     stalled, rated = statics.turning(rest, along), statics.most_efficient(rest)
     angles, values = curve(drives, f"{word}, stalled")
@@ -84,7 +84,7 @@ def test_what_the_drives_give_is_that_of_the_plant(along: float, word: str) -> N
         assert curve(drives, f"{word}, rated")[1][k] == pytest.approx(expected)
 
 
-def test_snow_and_latch_are_drawn_where_there_are_any_and_no_seal_needs_no_second_panel() -> None:
+def test_snow_and_latch_are_drawn_where_present_and_without_a_seal_there_is_no_second_panel() -> None:
     figure = figure_of("forces", "suv", "environment.snow_mass=10", "latch.half=0.012", "seal.force=0")
     whole, _ = figure.axes
     labels = [each.get_text() for each in whole.get_legend().get_texts()]
@@ -94,7 +94,7 @@ def test_snow_and_latch_are_drawn_where_there_are_any_and_no_seal_needs_no_secon
 
 
 def area_at(axis: Any, place: tuple[float, float]) -> str:
-    """The legend's word for the uppermost area at a place."""
+    """Return the legend's text for the uppermost area at a point."""
     named = {
         (patch.get_facecolor(), patch.get_hatch()): text.get_text()
         for patch, text in zip(axis.get_legend().get_patches(), axis.get_legend().get_texts(), strict=True)
@@ -108,7 +108,7 @@ def area_at(axis: Any, place: tuple[float, float]) -> str:
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_the_map_says_at_each_place_what_the_plant_does(name: str) -> None:
+def test_the_map_of_rest_and_motion_agrees_with_the_plant_at_each_point(name: str) -> None:
     rest, figure = rest_of(name, "spring.preload=250"), figure_of("static", name, "spring.preload=250")
     alone, driven = figure.axes
     top = math.degrees(vehicle_from(name).gate.open_angle)
@@ -143,14 +143,14 @@ def test_the_map_says_at_each_place_what_the_plant_does(name: str) -> None:
     legend_hides_nothing(figure)
 
 
-def test_areas_differ_without_colour() -> None:
+def test_areas_are_distinguished_without_colour() -> None:
     for areas in (static._ALONE, static._DRIVEN):
         assert len({hatch for _, _, hatch in areas}) == len(areas)
         lights = [np.dot(colors.to_rgb(colour), (0.3, 0.59, 0.11)) for _, colour, _ in areas]
         assert min(lights) > 0.8  # hatch and text are read on all of them
 
 
-def test_the_map_marks_the_vehicle_s_own_slope_and_supply() -> None:
+def test_the_map_marks_the_vehicles_own_slope_and_supply_voltage() -> None:
     driven = figure_of("static", "suv", "environment.road_slope_deg=30", "supply.voltage=24").axes[1]
     (mark,) = [each for each in driven.lines if each.get_marker() == "o"]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (pytest.approx(30.0), 24.0)
@@ -158,7 +158,7 @@ def test_the_map_marks_the_vehicle_s_own_slope_and_supply() -> None:
     assert "the vehicle: 30 deg, 24 V" in [each.get_text() for each in driven.texts]
 
 
-def test_a_self_locking_drive_has_a_map() -> None:
+def test_the_map_of_a_self_locking_drive_can_be_drawn() -> None:
     alone, driven = figure_of("static", "suv", "spindle.load_friction=1").axes
     assert area_at(alone, (-19.0, 10.0)) == "stays where it is left"
     assert area_at(driven, (0.0, 0.1)) == "starts neither"
@@ -174,7 +174,7 @@ BEGINS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF", ".html": b"<!DO
 
 
 def call(figure: str, folder: Path, output: str, *more: str) -> bytes:
-    """The content of a figure's file."""
+    """Return the content of a figure's file, written by the command."""
     kind, target = FIGURES[figure], folder / output
     source = [str(recorded(folder / "run.csv"))] if kind.of_recording else []
     assert main(["plot", *source, "--figure", figure, *more, "--output", str(target), "--quiet"]) == 0
@@ -182,10 +182,8 @@ def call(figure: str, folder: Path, output: str, *more: str) -> bytes:
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_every_figure_is_written_in_every_format_and_names_quantities_and_units(
-    tmp_path: Path, figure: str
-) -> None:
-    """Drawn once for all formats; as SVG drawn and written again, by the command, with the same bytes."""
+def test_every_figure_is_written_in_every_format_with_quantities_and_units(tmp_path: Path, figure: str) -> None:
+    """Drawn once for all formats; as SVG drawn and written again by the command, with the same bytes."""
     kind = FIGURES[figure]
     table = open_table(recorded(tmp_path / "run.csv")) if kind.of_recording else None
     vehicle = vehicle_from("suv") if kind.of_vehicle else None
@@ -206,10 +204,10 @@ def test_every_figure_is_written_in_every_format_and_names_quantities_and_units(
 
 
 @pytest.mark.parametrize("suffix", BEGINS)
-def test_a_figure_is_in_every_format_the_same_each_time(
+def test_a_figure_file_is_reproducible_in_every_format(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
 ) -> None:
-    """Also on another day, which matplotlib is told by a variable."""
+    """Also on another day, given to matplotlib by an environment variable."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     content = call("phase", tmp_path, f"a{suffix}")
     assert content.startswith(BEGINS[suffix])
@@ -217,7 +215,7 @@ def test_a_figure_is_in_every_format_the_same_each_time(
     assert call("phase", tmp_path, f"b{suffix}") == content
 
 
-def test_files_are_named_after_what_they_are_of(
+def test_figure_files_are_named_after_their_subject(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -249,7 +247,7 @@ def test_files_are_named_after_what_they_are_of(
         (["plot", "short.csv", "--figure", "phase"], "short.csv: gate_rate_degps: missing; allowed: "),
     ],
 )
-def test_wrong_calls_are_one_line_and_exit_code_2(
+def test_a_wrong_call_is_one_line_and_exit_code_2(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -284,7 +282,7 @@ def test_wrong_calls_are_one_line_and_exit_code_2(
         ("static", ["--ideal"], "suv (ideal): ", "Vehicle: suv (ideal)."),
     ],
 )
-def test_a_figure_tells_which_values_are_not_the_file_s(
+def test_a_figure_states_the_values_that_differ_from_the_vehicle_file(
     tmp_path: Path, figure: str, more: list[str], title: str, caption: str
 ) -> None:
     text = call(figure, tmp_path, "a.svg", *more).decode()
@@ -292,7 +290,7 @@ def test_a_figure_tells_which_values_are_not_the_file_s(
     assert caption in text
 
 
-def test_a_subject_without_its_part_is_an_error() -> None:
+def test_a_figure_without_its_recording_or_vehicle_is_an_error() -> None:
     with pytest.raises(ConfigError, match="FILE: missing"):
         drawn("phase", FigureSubject("x"))
     with pytest.raises(ConfigError, match="`vehicle`: missing"):

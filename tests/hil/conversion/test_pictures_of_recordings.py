@@ -1,4 +1,4 @@
-"""Pictures of recordings: what they show, and where they go."""
+"""Pictures of recordings: their panels and curves, and their files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def lines_of(axis: Any) -> list[np.ndarray]:
     return [np.asarray(each.get_ydata()) for each in axis.lines]
 
 
-def test_columns_that_go_together_are_in_one_panel(tmp_path: Path) -> None:
+def test_related_columns_are_in_one_panel(tmp_path: Path) -> None:
     run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
     names = list(run.signals)[1:]
     panels = picture.panels_of(names, run)
@@ -54,7 +54,7 @@ def test_columns_that_go_together_are_in_one_panel(tmp_path: Path) -> None:
     assert count.get_xlabel() == "time [s]"
 
 
-def test_an_input_is_held_from_its_sample_to_the_next_and_an_output_is_not(tmp_path: Path) -> None:
+def test_an_input_is_drawn_as_steps_and_an_output_as_a_line(tmp_path: Path) -> None:
     run = open_table(table(tmp_path / "a.csv", ROWS, "time_s,left_duty,left_current_a\n"))
     names = ["left_duty", "left_current_a"]
     columns = columns_in(run, names, Window())
@@ -66,14 +66,14 @@ def test_an_input_is_held_from_its_sample_to_the_next_and_an_output_is_not(tmp_p
     assert drawn == ["steps-post", "default"]
 
 
-def test_without_columns_it_shows_what_matters_or_the_first_ones(tmp_path: Path) -> None:
+def test_without_a_choice_the_main_or_the_first_columns_are_drawn(tmp_path: Path) -> None:
     run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
     assert picture.usual_columns(run) == ["gate_angle_deg", "left_current_a", "right_current_a"]
     theirs = open_table(table(tmp_path / "b.csv", ROWS, "time_s,Iq,phi\n"))
     assert picture.usual_columns(theirs) == ["Iq", "phi"]
 
 
-def test_counters_and_checksums_are_left_out_where_there_is_something_else(tmp_path: Path) -> None:
+def test_counters_and_checksums_are_not_drawn_by_default(tmp_path: Path) -> None:
     heads = (
         "time_s,AliveCounter,Checksum,Crc8,MsgCnt,A_B.A_B_BZ,HallCount,TurnCounter,Angle\n",
         "time_s,AliveCounter\n",
@@ -86,7 +86,7 @@ def test_counters_and_checksums_are_left_out_where_there_is_something_else(tmp_p
     ]
 
 
-def test_of_a_bus_log_the_signals_of_angle_and_currents_come_first_and_panels_are_full(tmp_path: Path) -> None:
+def test_signals_of_angle_and_currents_come_first_for_a_bus_log(tmp_path: Path) -> None:
     ours = ["RightDrive.MotorCurrent", "LeftDrive.MotorCurrent", "Gate.Angle"]
     names = [f"Body.Part{k}" for k in range(20)] + ours + ["Body.LeftLamp"]
     run = open_table(table(tmp_path / "a.csv", [tuple(range(25))], ",".join(["time_s", *names]) + "\n"))
@@ -96,14 +96,14 @@ def test_of_a_bus_log_the_signals_of_angle_and_currents_come_first_and_panels_ar
     assert picture.usual_columns(run, "theirs.dbc") == names[:8]
 
 
-def test_more_panels_than_can_be_seen_are_refused(tmp_path: Path) -> None:
+def test_more_than_eight_panels_are_refused(tmp_path: Path) -> None:
     names = [f"c{k}" for k in range(9)]
     path = table(tmp_path / "a.csv", [tuple(range(10))], ",".join(["time_s", *names]) + "\n")
     with pytest.raises(ConfigError, match="9 panels; allowed: up to 8"):
         picture.panels_of(names, open_table(path))
 
 
-def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Path) -> None:
+def test_two_recordings_are_drawn_together_with_their_difference(tmp_path: Path) -> None:
     first = open_table(table(tmp_path / "a.csv", ROWS))
     second = open_table(
         table(tmp_path / "b.csv", [(t, a + 0.5 * (k == 60), b) for k, (t, a, b) in enumerate(ROWS)][5:])
@@ -122,7 +122,7 @@ def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Pa
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".html"])
-def test_a_picture_is_written_in_the_format_of_its_suffix(
+def test_the_format_of_a_picture_follows_its_suffix(
     tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
@@ -145,8 +145,8 @@ def test_a_picture_is_written_in_the_format_of_its_suffix(
     assert other.stat().st_size > 5000
 
 
-def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path) -> None:
-    """In a process of its own, whose files may hold 4 kB; with -B, as Python keeps a module that is cut off."""
+def test_a_full_disk_leaves_the_previous_picture(tmp_path: Path) -> None:
+    """In a process whose files may hold 4 kB; with -B, as Python would keep a truncated bytecode file."""
     path = table(tmp_path / "a.csv", RUN, HEAD)
     targets = [tmp_path / f"out{suffix}" for suffix in (".html", ".pdf", ".png", ".svg")]
     for target in targets:
@@ -167,7 +167,7 @@ def test_a_full_disk_leaves_the_picture_that_was_there(tmp_path: Path) -> None:
     assert {target.read_bytes() for target in targets} == {b"before"}
 
 
-def test_without_output_it_stands_beside_the_recording(tmp_path: Path) -> None:
+def test_without_output_the_picture_is_written_beside_the_recording(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", RUN, HEAD)
     (tmp_path / "a.png").write_text("a run's own")
     assert main(["plot", str(path), "--quiet"]) == 0
@@ -187,12 +187,12 @@ def test_a_bus_log_is_drawn_with_a_rig(tmp_path: Path, capsys: pytest.CaptureFix
     assert "no frame of its messages is in" in capsys.readouterr().err
 
 
-def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
+def test_a_missing_value_is_drawn_as_a_gap(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", [(t, math.nan, b) for t, _, b in ROWS])
     assert main(["plot", str(path), "--output", str(tmp_path / "a.png")]) == 0
 
 
-def test_by_default_what_does_not_change_is_not_drawn_but_told(tmp_path: Path) -> None:
+def test_constant_columns_are_not_drawn_by_default_but_listed(tmp_path: Path) -> None:
     head = "time_s,gate_angle_deg,left_current_a,pinch_force_n\n"
     run = open_table(table(tmp_path / "a.csv", [(0.01 * k, 1.0 * k, 2.0 * k, 0.0) for k in range(5)], head))
     subject = FigureSubject("a.csv", run)
@@ -203,7 +203,7 @@ def test_by_default_what_does_not_change_is_not_drawn_but_told(tmp_path: Path) -
     assert (len(asked.figure.axes), asked.note) == (1, "")
 
 
-def test_marks_are_numbered_lines_and_their_texts_a_caption(tmp_path: Path) -> None:
+def test_marks_are_drawn_as_numbered_lines_with_their_texts_as_a_caption(tmp_path: Path) -> None:
     path = tmp_path / "a.mf4"
     writer = open_writer(path, Content(("time_s", "gate_angle_deg")))
     writer.begin(0)
@@ -220,15 +220,15 @@ def test_marks_are_numbered_lines_and_their_texts_a_caption(tmp_path: Path) -> N
     assert made.figure.get_supxlabel() == "Marks: 1: 0.020 s, it squeaks."
 
 
-def test_a_recording_without_a_column_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_of_the_time_alone_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "t.csv"
     path.write_text("time_s\n0\n1\n")
     assert main(["plot", str(path)]) == 2
     assert "no column besides time_s" in capsys.readouterr().err
 
 
-def test_rows_and_frames_of_one_file_are_in_one_table(tmp_path: Path) -> None:
-    """With a rig, or by the run's own where a signal is asked for; each value holds until the next one."""
+def test_rows_and_decoded_frames_of_one_file_are_in_one_table(tmp_path: Path) -> None:
+    """Decoded with a given rig, or the run's own where a signal is chosen; each value holds until the next one."""
     path = tmp_path / "run.mf4"
     lh.run("demo", ecu="reference", record=[path], duration=0.05)
     assert "Gate.Angle" not in open_whole(path).signals

@@ -1,4 +1,4 @@
-"""A page's server as a process, and who asks it."""
+"""Processes that serve a dashboard page, and a client for them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 
 
 class Client:
-    """Asks as a script does."""
+    """A client that sends requests as a script does."""
 
     def __init__(self, address: str, child: subprocess.Popen[str] | None = None) -> None:
         """`child` is the process that serves the page."""
@@ -27,14 +27,14 @@ class Client:
 
     @property
     def endpoint(self) -> tuple[str, int]:
-        """What a socket connects to."""
+        """The host and port to which a socket connects."""
         host, port = self.host.split(":")
         return host, int(port)
 
     def ask(
         self, path: str, body: bytes | None = None, headers: dict[str, str] | None = None, token: str | None = None
     ) -> tuple[int, Any]:
-        """The status, and what it said."""
+        """Send a request; return the status and the answer."""
         token = self.token if token is None else token
         mark = "&" if "?" in path else "?"
         address = f"http://{self.host}{path}{mark}token={token}" if token else f"http://{self.host}{path}"
@@ -50,7 +50,7 @@ class Client:
 
 
 def until(client: Client, is_so: Callable[[Any], bool]) -> Any:
-    """The first state in which it is so."""
+    """Wait for the first state that fulfils a condition, and return that state."""
     for _ in range(15_000):
         state = client.ask("/api/state")[1]
         if is_so(state):
@@ -60,7 +60,7 @@ def until(client: Client, is_so: Callable[[Any], bool]) -> Any:
 
 
 def is_going(state: Any) -> bool:
-    """Whether the run runs; a busy machine is late now and then."""
+    """Tell whether the run is running; a busy machine is late now and then."""
     return state["phase"] in ("running", "late")
 
 
@@ -72,7 +72,7 @@ def _read(answer: Any) -> Any:
 
 @contextlib.contextmanager
 def process(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """A command of ours; ended with the test."""
+    """Start a command of ours, which is ended with the test."""
     child = subprocess.Popen(
         [sys.executable, "-P", "-m", "liftgate_hil", *arguments],
         stdout=subprocess.PIPE,
@@ -93,7 +93,7 @@ def process(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def address_in(child: subprocess.Popen[str], is_error: bool = False) -> str:
-    """The address that it prints."""
+    """Return the page's address that a process prints."""
     stream = child.stderr if is_error else child.stdout
     assert stream is not None
     said = []
@@ -106,23 +106,23 @@ def address_in(child: subprocess.Popen[str], is_error: bool = False) -> str:
 
 @contextlib.contextmanager
 def page_of(folder: Path, *arguments: str, listen: str = "127.0.0.1:0") -> Iterator[Any]:
-    """A `liftgate-hil dashboard`, as its client."""
+    """Start `liftgate-hil dashboard`, and return a client of its page."""
     with process("dashboard", *arguments, "--listen", listen, folder=folder) as child:
         yield Client(address_in(child), child)
 
 
 def page_beside(run: subprocess.Popen[str], folder: Path, *arguments: str) -> Any:
-    """The same, attached to a run."""
+    """Start a dashboard attached to a run, and return a client of its page."""
     return page_of(folder, "--attach", str(run.pid), "--patience", "60", *arguments)
 
 
 def bench(folder: Path, name: str, *arguments: str) -> Any:
-    """A run on a virtual bus of this name, as its process; a busy machine does not end it."""
+    """Start a run on a virtual bus of this name; lateness of a busy machine does not end it."""
     return process("--bus", f"virtual:{name}", "--overrun-limit", "3600", *arguments, folder=folder)
 
 
 @contextlib.contextmanager
 def bench_with_page(folder: Path, name: str, *arguments: str, listen: str = "127.0.0.1:0") -> Iterator[Any]:
-    """A run that serves its own page, as the page's client."""
+    """Start a run that serves its own page, and return a client of that page."""
     with bench(folder, name, "--dashboard", "--listen", listen, *arguments) as run:
         yield Client(address_in(run, is_error=True), run)

@@ -1,4 +1,4 @@
-"""Connections that are dropped, by a clock of the test's own, on uvicorn's protocol."""
+"""Limits on connections to uvicorn's protocol, on a simulated clock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.dashboard.guard import AUTHORISED, Guard
 
 
 class Wire:
-    """Transport of a connection."""
+    """A transport of a connection that records how it ended."""
 
     def __init__(self) -> None:
         self.end = ""
@@ -26,7 +26,7 @@ class Wire:
 
 
 class Protocol:
-    """As much of uvicorn's protocol as is used; `come` is a request, which `app` answers."""
+    """A stand-in for uvicorn's protocol; `come` is a request, which `app` answers."""
 
     def __init__(self, all_of_them: set[Any], app: Callable[..., Any]) -> None:
         self.connections, self.app, self.cycle = all_of_them, app, None
@@ -44,7 +44,7 @@ class Protocol:
 
 
 class Later:
-    """What is due on a clock that stands still."""
+    """Scheduled calls on a clock that stands still."""
 
     def __init__(self, delay: float, action: Callable[..., None], *arguments: Any) -> None:
         self.delay, self.due = delay, lambda: action(*arguments)
@@ -55,7 +55,7 @@ class Later:
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Make a connection with two others at most beside it."""
+    """Return a function that makes a connection; at most three may exist."""
     monkeypatch.setattr(serving, "_MOST", 3)
     monkeypatch.setattr(asyncio, "get_running_loop", lambda: type("Loop", (), {"call_later": Later}))
     watched, all_of_them = serving.watched(Protocol), set[Any]()
@@ -80,7 +80,7 @@ def ends(found: list[Any]) -> list[str]:
     return [each.transport.end for each in found]
 
 
-def test_of_too_many_the_oldest_without_a_request_with_the_token_is_dropped(made: Callable[..., Any]) -> None:
+def test_of_too_many_connections_the_oldest_one_without_the_token_is_dropped(made: Callable[..., Any]) -> None:
     found = [made() for _ in range(3)]
     asks(found[0], has_token=True)
     asks(found[1], has_token=False)
@@ -91,7 +91,7 @@ def test_of_too_many_the_oldest_without_a_request_with_the_token_is_dropped(made
     assert ends(found) == ["", "aborted", "aborted", "", ""]
 
 
-def test_where_all_have_the_token_the_newest_is_dropped(made: Callable[..., Any]) -> None:
+def test_of_too_many_connections_with_the_token_the_newest_is_dropped(made: Callable[..., Any]) -> None:
     found = [made() for _ in range(3)]
     for each in found:
         asks(each, has_token=True)
@@ -107,7 +107,7 @@ def test_a_websocket_is_never_dropped_for_another_connection(made: Callable[...,
 
 
 @pytest.mark.parametrize("token", ["right", "wrong"])
-def test_a_request_with_the_token_is_what_tells_a_connection_from_strangers(token: str) -> None:
+def test_a_request_with_the_token_marks_its_connection_as_trusted(token: str) -> None:
     told, sent = [], []
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -125,10 +125,10 @@ def test_a_request_with_the_token_is_what_tells_a_connection_from_strangers(toke
 
 
 @pytest.mark.parametrize(("has_token", "limit"), [(None, 2.0), (False, 2.0), (True, 10.0)])
-def test_a_connection_that_stands_still_is_closed(
+def test_an_idle_connection_is_closed_after_its_time_limit(
     made: Callable[..., Any], has_token: bool | None, limit: float
 ) -> None:
-    """Sooner where no request with the token has come; while a request is answered, never."""
+    """Sooner without a request with the token; never while a request is answered."""
     found = made()
     assert found._limit.delay == 2.0
     if has_token is not None:

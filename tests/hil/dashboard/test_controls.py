@@ -1,4 +1,4 @@
-"""Controls of a page: what its forms begin with is allowed."""
+"""Controls of a page: the initial values of its forms are valid."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CONTROLS = controls_of(commands_of(setup_of(None), shipped_rig(), True))
 
 
 @pytest.mark.parametrize("kind", FAULT_KINDS)
-def test_the_form_of_a_fault_begins_with_values_that_make_a_fault(kind: str) -> None:
+def test_the_initial_values_of_each_fault_form_make_a_valid_fault(kind: str) -> None:
     spec = CONTROLS["fault"][kind]
 
     def begins(key: dict[str, Any]) -> Any:
@@ -30,7 +30,7 @@ def test_the_form_of_a_fault_begins_with_values_that_make_a_fault(kind: str) -> 
     assert found.kind == kind
 
 
-def test_each_switch_has_a_button_for_either_way() -> None:
+def test_each_switch_has_a_button_for_on_and_off() -> None:
     switches = [name for name, signal in PROFILES.items() if signal.values]
     assert switches
     for name, spec in CONTROLS["set"].items():
@@ -40,7 +40,7 @@ def test_each_switch_has_a_button_for_either_way() -> None:
     assert (handle["label"], handle["labels"][1]) == ("Outer handle", "pulled")
 
 
-def test_an_identifier_is_shown_in_hexadecimal_digits_and_no_other_number_is() -> None:
+def test_only_can_identifiers_are_shown_in_hexadecimal() -> None:
     keys = {(kind, name): key for kind, spec in CONTROLS["fault"].items() for name, key in spec["keys"].items()}
     assert [which for which, key in keys.items() if key["is_hex"]] == [("babbling", "id")]
     assert keys["babbling", "id"]["label"] == "CAN identifier (hex)"

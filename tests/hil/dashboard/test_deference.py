@@ -1,4 +1,4 @@
-"""A page's process gives way to the loop of the run that it shows, and a run that it starts does not."""
+"""Priority of a page's process below the loop of its run, and not of runs that the page starts."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ print(json.dumps([allowed, found]))
 
 
 def policy_of(pid: int) -> tuple[int, int]:
-    """The policy and the nice value of a process's first thread."""
+    """Return the scheduling policy and the nice value of a process's first thread."""
     return os.sched_getscheduler(pid), os.getpriority(os.PRIO_PROCESS, pid)
 
 
-def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None:
+def test_all_threads_but_the_excluded_ones_leave_the_cpu_of_the_loop() -> None:
     done = subprocess.run([sys.executable, "-c", MOVED], capture_output=True, text=True, check=True, timeout=60)
     allowed, (cpu, moved, back, kept, _) = json.loads(done.stdout)
     assert cpu == allowed[-1]
@@ -58,7 +58,7 @@ def test_all_threads_leave_the_cpu_of_the_loop_but_those_that_are_kept() -> None
     assert kept == [without, [allowed[-1]]]
 
 
-def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
+def test_a_page_has_the_lowest_priority_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
     with bench(tmp_path, "deference") as run:
         wait_for(lambda: LoopThread(run.pid).cpu() is not None)
         with page_beside(run, tmp_path) as client:
@@ -70,7 +70,7 @@ def test_a_page_goes_last_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None
                 wait_for(lambda: len(os.sched_getaffinity(page.pid)) == len(os.sched_getaffinity(0)) - 1)
 
 
-def test_a_run_that_a_page_starts_has_the_priority_of_any_run(tmp_path: Path) -> None:
+def test_a_run_started_by_a_page_has_normal_priority(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text("duration = 1e6", encoding="utf-8")
     with page_of(tmp_path, "--scenarios", ".") as client:
         assert client.ask("/api/run", b'{"scenario": "s.toml"}')[0] == 200

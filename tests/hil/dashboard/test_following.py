@@ -11,7 +11,7 @@ from liftgate_hil.operate.attachment import endpoint
 
 
 class Bench:
-    """Runs of this user, by process: the channel of each, None where it does not answer."""
+    """Runs of this user by process: the bus channel of each, None where the run does not answer."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.runs: dict[int, str | None] = {}
@@ -41,7 +41,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
 
 
-def test_the_next_run_on_the_bus_is_found_and_the_ended_one_is_not(bench: Bench) -> None:
+def test_the_next_run_on_the_bus_is_found_but_not_the_ended_one(bench: Bench) -> None:
     search = Following("can0", 1)
     bench.runs[1] = "can0"
     assert search.look() is None

@@ -1,4 +1,4 @@
-"""Messages on the bus as a page is told them."""
+"""Bus messages as shown on a page."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def frame(identifier: int, payload: bytes, time_ms: int = 0, is_sent: int = 0) -
     return row
 
 
-def test_the_command_is_the_last_frame_by_the_rigs_quantities(view: BusView) -> None:
+def test_the_shown_command_is_the_last_frame_in_quantities_of_the_rig(view: BusView) -> None:
     assert view.command() == {}
     view.hear(frame(100, bytes([40, 1, 0, 0, 0, 0, 0, 0])))
     view.hear(frame(100, bytes([55, 2, 0, 0, 0, 0, 0, 0]), 10))
@@ -84,7 +84,7 @@ def test_messages_beyond_the_first_500_are_counted(view: BusView) -> None:
     assert (len(view.messages()), view.not_kept) == (500, 10)
 
 
-def test_a_rig_that_is_gone_leaves_frames_without_names(tmp_path: Path) -> None:
+def test_without_a_rig_file_frames_are_shown_without_names(tmp_path: Path) -> None:
     view = BusView(tmp_path / "no.toml")
     view.hear(frame(100, b"\x01"))
     assert (view.command(), view.messages()[0]["name"]) == ({}, "")

@@ -1,4 +1,4 @@
-"""Record on the page, begun and stopped at any moment beside other programs: the file holds what lay between."""
+"""Recording from the page, begun and stopped at random moments on a busy machine."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def client(tmp_path: Path) -> Iterator[Client]:
 
 
 def let_pass(client: Client, begin: float, seconds: float) -> None:
-    """Let the run go on, by its own time [s]: on a busy machine it stands still now and then."""
+    """Wait until the run has advanced by its own time [s]; on a busy machine a run pauses now and then."""
     until(client, lambda state: state["time_s"] >= begin + seconds)
 
 
 def completed(client: Client, name: str) -> str:
-    """The line of the run's log that reports this file, once the next one can be recorded."""
+    """Return the line of the run's log that reports this file, once another recording can begin."""
 
     def lines(state: dict[str, Any]) -> list[str]:
         return [line for _, _, line in state["log"] if "recorded: " in line and f"/{name}, " in line]
@@ -43,8 +43,8 @@ def completed(client: Client, name: str) -> str:
 
 
 @pytest.mark.realtime
-def test_a_file_holds_what_lay_between_both_requests_and_its_marks(client: Client, tmp_path: Path) -> None:
-    """The times of the requests are those of the answers: the ticks at which the run got them."""
+def test_a_recording_has_all_rows_and_marks_between_start_and_stop_request(client: Client, tmp_path: Path) -> None:
+    """The times of the requests are those in the answers: the ticks at which the run received them."""
     moments = random.Random(57)
     lost: list[str] = []
     with busy_processes(3):

@@ -1,4 +1,4 @@
-"""The page's list of scenarios: what it holds, how far it looks, and that it holds up nobody."""
+"""The page's list of scenarios: its entries, its limits, and that a slow list delays no other answer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write(path: Path, text: str = "duration = 1\n") -> None:
 
 @pytest.fixture
 def entries(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of all entries of folders that are looked at."""
+    """A list of the names of all folder entries that are read."""
     real, found = os.scandir, list[str]()
 
     class Watched:
@@ -47,7 +47,7 @@ def entries(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
-def test_names_are_those_of_the_files_below_without_hidden_ones(tmp_path: Path) -> None:
+def test_scenarios_are_listed_by_path_without_hidden_files(tmp_path: Path) -> None:
     those = ("b.toml", "a.toml", "pack/c.toml", "pack/deep/d.toml")
     for name in (*those, ".venv/no.toml", "pack/.no.toml", "no.txt"):
         write(tmp_path / name)
@@ -56,7 +56,7 @@ def test_names_are_those_of_the_files_below_without_hidden_ones(tmp_path: Path) 
     assert Scenarios(tmp_path).names() == (["a.toml", "b.toml", "pack/c.toml", "pack/deep/d.toml"], True)
 
 
-def test_a_folder_of_many_files_is_looked_at_in_part_and_that_is_told(
+def test_a_folder_of_many_files_is_searched_only_in_part_and_the_list_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entries: list[str]
 ) -> None:
     monkeypatch.setattr(starting, "_MOST_ENTRIES", 50)
@@ -67,7 +67,7 @@ def test_a_folder_of_many_files_is_looked_at_in_part_and_that_is_told(
     assert len(entries) <= 51
 
 
-def test_more_files_than_are_listed_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_list_with_too_many_files_is_cut_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(starting, "_MOST", 2)
     for k in range(3):
         write(tmp_path / f"{k}.toml")
@@ -77,7 +77,7 @@ def test_more_files_than_are_listed_are_told(tmp_path: Path, monkeypatch: pytest
     assert Scenarios(tmp_path).names() == (["1.toml", "2.toml"], True)
 
 
-def test_each_says_what_it_is_about_its_own_words_before_those_of_what_it_includes(tmp_path: Path) -> None:
+def test_a_description_is_taken_from_the_scenario_before_its_included_files(tmp_path: Path) -> None:
     write(tmp_path / "parts/p.toml", 'description = "of the part"\nrequirement = ["LG-1", "LG-2"]\n')
     write(tmp_path / "a.toml", 'include = ["parts/p.toml"]\nduration = 1\n')
     write(tmp_path / "b.toml", 'include = ["parts/p.toml"]\ndescription = "its  own"\nrequirement = "LG-3"\n')
@@ -92,7 +92,7 @@ def test_each_says_what_it_is_about_its_own_words_before_those_of_what_it_includ
     assert wrong["description"] == ""
 
 
-def test_a_file_is_read_again_once_it_or_what_it_includes_has_changed(
+def test_a_scenario_is_read_again_only_if_its_file_or_an_included_one_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[str] = []
@@ -110,7 +110,7 @@ def test_a_file_is_read_again_once_it_or_what_it_includes_has_changed(
 
 
 class SlowList:
-    """A starter whose list of scenarios takes until something else was answered."""
+    """A starter whose list of scenarios is delayed until another request was answered."""
 
     thread_id = 0
 
@@ -121,7 +121,7 @@ class SlowList:
         return {"was_answered_meanwhile": self.answered.wait(20)}
 
 
-def test_a_slow_list_of_scenarios_holds_up_nobody() -> None:
+def test_a_slow_list_of_scenarios_does_not_delay_other_answers() -> None:
     slow = SlowList()
     page = Page(NoSource(), False, slow)  # type: ignore[arg-type]
 

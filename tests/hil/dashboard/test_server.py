@@ -1,4 +1,4 @@
-"""The page's server, as a process: who may ask, what it tells, what it has done."""
+"""The page's server as a process: access control, its answers, and the effect of commands."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def states_until_closed(wire: Any) -> Iterator[Any]:
 
 
 def upgrade(client: Client) -> bytes:
-    """The request that opens a WebSocket."""
+    """Return the request that opens a WebSocket."""
     return (
         f"GET /api/stream?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
@@ -81,7 +81,7 @@ def streamed(client: Client, **more: Any) -> Any:
     return connect(f"ws://{client.host}/api/stream?token={client.token}", **more)
 
 
-def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
+def test_the_state_has_true_and_sensed_values_the_loop_and_the_bus(client: Client) -> None:
     status, state = client.ask("/api/state")
     assert status == 200
     assert state["truth"]["time_s"] == state["time_s"]
@@ -94,8 +94,8 @@ def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
     assert {"load_percent", "received", "rejected", "dropped"} <= set(state["bus"])
 
 
-def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
-    """Keys of a live run's state, and of the records behind its `end` and its `verdicts`."""
+def test_the_keys_of_the_page_state_are_exactly_the_documented_ones(client: Client) -> None:
+    """Keys of a live run's state, and of the records in its `end` and its `verdicts`."""
     keys = keys_of(PageState)
 
     def is_whole(state: Any) -> bool:
@@ -119,7 +119,7 @@ def test_the_page_has_exactly_the_keys_of_a_state(client: Client) -> None:
     }
 
 
-def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
+def test_the_other_answers_have_exactly_the_documented_keys(client: Client, tmp_path: Path) -> None:
     answers = {"about": AboutRun, "geometry": GateGeometry, "plot": Curves, "trace": BusTrace}
     for path, content in answers.items():
         keys = keys_of(content)
@@ -133,12 +133,12 @@ def test_what_else_the_server_answers_has_exactly_the_documented_keys(client: Cl
     assert {*written(recording, keys)} == own
 
 
-def test_the_page_says_of_frames_that_never_acted_what_the_summary_says() -> None:
+def test_page_and_summary_have_the_same_words_for_dropped_frames() -> None:
     script = (Path(statistics.__file__).parents[1] / "dashboard" / "page" / "state.js").read_text(encoding="utf-8")
     assert statistics.DROPPED_OR_STALE in script
 
 
-def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:
+def test_the_stream_sends_states_repeatedly_with_the_extremes_between_them(client: Client) -> None:
     with streamed(client) as wire:
         told = [json.loads(wire.recv(timeout=30)) for _ in range(12)]
     times = [each["time_s"] for each in told]
@@ -152,7 +152,7 @@ def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(clien
     assert any("messages" in each for each in told)
 
 
-def test_what_is_commanded_acts_on_the_gate(client: Client) -> None:
+def test_commands_of_the_page_act_on_the_gate(client: Client) -> None:
     status, said = client.command(set={"road_slope_deg": 8, "supply_voltage_v": 11.0})
     assert (status, said["done"]) == (200, "set road_slope_deg 8, supply_voltage_v 11")
     status, said = client.command(fault={"kind": "angle_offset", "value": 20})
@@ -170,7 +170,7 @@ def test_what_is_commanded_acts_on_the_gate(client: Client) -> None:
     assert state["in_force"]["set"] == {}
 
 
-def test_what_was_overwritten_before_the_page_has_attached_does_not_count(
+def test_rows_overwritten_before_the_page_was_attached_are_not_counted(
     folder: Path, run: subprocess.Popen[str], client: Client
 ) -> None:
     """The rings hold 4096 rows."""
@@ -179,7 +179,7 @@ def test_what_was_overwritten_before_the_page_has_attached_does_not_count(
         assert until(other, is_going)["bus"]["overwritten"] == 0
 
 
-def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) -> None:
+def test_a_commanded_restbus_signal_is_sent_cyclically_and_shown(client: Client) -> None:
     before = client.ask("/api/state")[1]["messages"]
     assert not [each for each in before if each["name"] == "Body"]
     command = {"Body.VehicleSpeed": 12.5, "Body.Ignition": "on"}
@@ -210,7 +210,7 @@ def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) 
         (b" " * 70_000, 413, "command too long; allowed: up to 65536 bytes"),
     ],
 )
-def test_what_is_out_of_range_is_refused_with_what_is_allowed(
+def test_an_out_of_range_command_is_refused_with_what_is_allowed(
     client: Client, body: bytes, status: int, words: str
 ) -> None:
     found, said = client.ask("/api/command", body)
@@ -218,7 +218,7 @@ def test_what_is_out_of_range_is_refused_with_what_is_allowed(
     assert words in " | ".join(said["issues"])
 
 
-def test_without_the_token_nothing_is_reported(client: Client) -> None:
+def test_requests_without_the_token_are_refused(client: Client) -> None:
     for path in ("/", "/api/about", "/api/state", "/api/plot"):
         assert client.ask(path, token="")[0] == 401
         assert client.ask(path, token=client.token[:-1])[0] == 401
@@ -242,12 +242,12 @@ def test_without_the_token_nothing_is_reported(client: Client) -> None:
         {"Origin": "https://127.0.0.1"},
     ],
 )
-def test_pages_of_others_are_refused_even_with_the_token(client: Client, headers: dict[str, str]) -> None:
+def test_requests_of_foreign_origin_are_refused_despite_the_token(client: Client, headers: dict[str, str]) -> None:
     assert client.ask("/api/state", headers=headers)[0] == 403
     assert client.ask("/api/command", b'{"clear": "all"}', headers=headers)[0] == 403
 
 
-def test_pages_of_others_get_no_stream(client: Client) -> None:
+def test_a_page_of_foreign_origin_gets_no_stream(client: Client) -> None:
     with pytest.raises(InvalidStatus) as refused, streamed(client, origin="http://evil.example"):
         pass
     assert refused.value.response.status_code == 403
@@ -255,7 +255,7 @@ def test_pages_of_others_get_no_stream(client: Client) -> None:
         assert wire.recv(timeout=30)
 
 
-def test_the_page_is_whole_and_asks_nobody_else(client: Client) -> None:
+def test_the_page_is_self_contained(client: Client) -> None:
     status, page = client.ask("/")
     assert status == 200
     assert "/*page.js*/" not in page
@@ -267,7 +267,7 @@ def test_the_page_is_whole_and_asks_nobody_else(client: Client) -> None:
 
 
 def deaf_to(client: Client) -> socket.socket:
-    """A viewer that reads nothing."""
+    """A viewer that never reads its stream."""
     wire = socket.socket()
     wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     wire.connect(client.endpoint)
@@ -275,14 +275,14 @@ def deaf_to(client: Client) -> socket.socket:
     return wire
 
 
-def test_one_who_reads_nothing_holds_up_nobody(client: Client) -> None:
+def test_a_viewer_that_reads_nothing_does_not_delay_others(client: Client) -> None:
     with deaf_to(client), streamed(client) as other:
         came = 0
         while came < 500_000:  # more than the deaf one's connection holds
             came += len(other.recv(timeout=30))
 
 
-def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) -> None:
+def test_a_read_only_page_refuses_commands(folder: Path, run: subprocess.Popen[str]) -> None:
     with page_of(folder, "--attach", str(run.pid), "--read-only") as client:
         status, said = client.command(clear="all")
         assert (status, said["issues"]) == (403, ["this page is read-only; allowed without --read-only"])
@@ -290,7 +290,7 @@ def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) ->
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_in_order_with_a_viewer_there(
+def test_the_server_ends_cleanly_while_a_viewer_is_connected(
     folder: Path, run: subprocess.Popen[str], number: signal.Signals
 ) -> None:
     with page_of(folder) as client:
@@ -303,7 +303,7 @@ def test_it_ends_in_order_with_a_viewer_there(
         assert client.child.stderr.read() == ""
 
 
-def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
+def test_an_ended_run_stays_on_the_page(tmp_path: Path) -> None:
     with process("--bus", "virtual:x", "--clock", "lockstep", folder=tmp_path) as run:
         assert run.stderr is not None
         run.stderr.readline()
@@ -339,7 +339,7 @@ def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
         ("--bus virtual:own --read-only", "--read-only: allowed: together with --dashboard"),
     ],
 )
-def test_wrong_usage_is_reported_in_one_line_with_exit_code_2_and_no_run_begins(
+def test_wrong_usage_is_one_line_and_exit_code_2_and_starts_no_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: str, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -368,7 +368,7 @@ def test_wrong_usage_is_reported_in_one_line_with_exit_code_2_and_no_run_begins(
         ("192.168.1.7", 8765, "192.168.1.7", "127.0.0.1:8765", False),
     ],
 )
-def test_a_host_is_the_address_that_one_came_to_or_a_name_of_this_machine(
+def test_only_host_names_of_this_machine_or_the_connected_address_are_accepted(
     listens: str, port: int, came_to: str, host: str, is_let_in: bool
 ) -> None:
     guard = Guard(None, "token", hosts_of(listens, port))  # type: ignore[arg-type]
@@ -381,7 +381,7 @@ def test_a_host_is_the_address_that_one_came_to_or_a_name_of_this_machine(
     assert (guard._refusal(scope)[0] == 0) == is_let_in
 
 
-def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
+def test_a_run_with_its_own_page_ends_that_page(tmp_path: Path) -> None:
     with bench_with_page(tmp_path, "own", "--json") as client:
         until(client, is_going)
         assert client.command(set={"road_slope_deg": 3})[0] == 200
@@ -395,7 +395,7 @@ def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
         socket.create_connection(client.endpoint)
 
 
-def test_the_geometry_the_command_and_the_histograms_are_there(client: Client) -> None:
+def test_the_answers_have_geometry_command_labels_and_histograms(client: Client) -> None:
     about, geometry = client.ask("/api/about")[1], client.ask("/api/geometry")[1]
     assert geometry["length_m"] == 1.0
     assert {"left", "right"} == set(geometry["drives"])
@@ -412,11 +412,11 @@ def test_the_geometry_the_command_and_the_histograms_are_there(client: Client) -
     assert [high for _, high, _ in bars[:-1]] == [low for low, _, _ in bars[1:]]
 
 
-def test_a_state_holds_what_the_manual_lists(client: Client) -> None:
+def test_a_state_has_the_keys_listed_in_the_manual(client: Client) -> None:
     assert set(client.ask("/api/state")[1]) == set(shown_in(PageState))
 
 
-def test_curves_are_those_asked_for(client: Client) -> None:
+def test_curves_have_the_requested_columns_and_points(client: Client) -> None:
     plot = client.ask("/api/plot?columns=gate_angle_deg,left_current_a&points=10")[1]
     assert set(plot["low"]) == {"gate_angle_deg", "left_current_a"}
     assert 1 <= len(plot["time_s"]) <= 10
@@ -429,7 +429,7 @@ def test_curves_are_those_asked_for(client: Client) -> None:
         assert (status, words in said["issues"][0]) == (422, True)
 
 
-def test_the_trace_goes_on_after_the_frame_that_is_known(client: Client) -> None:
+def test_a_trace_continues_after_the_last_known_frame(client: Client) -> None:
     known = client.ask("/api/trace")[1]
     last = known["first"] + len(known["frames"]) - 1
     more = client.ask(f"/api/trace?after={last}")[1]
@@ -440,7 +440,7 @@ def test_the_trace_goes_on_after_the_frame_that_is_known(client: Client) -> None
         assert client.ask(f"/api/trace?after={wrong}")[0] == 422
 
 
-def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path) -> None:
+def test_a_run_can_be_recorded_and_marked_from_the_page(client: Client, folder: Path) -> None:
     from asammdf import MDF
 
     assert client.command(record={"file": "../x.mf4"})[0] == 422
@@ -468,7 +468,7 @@ def test_a_run_is_recorded_and_marked_from_the_page(client: Client, folder: Path
 
 
 @pytest.mark.realtime
-def test_the_last_step_of_a_slider_is_a_mark_although_the_run_ends(tmp_path: Path) -> None:
+def test_the_last_value_of_a_slider_is_marked_although_the_run_ends(tmp_path: Path) -> None:
     from asammdf import MDF
 
     with bench_with_page(tmp_path, "slider", "--record", "own.mf4") as client:
@@ -482,8 +482,8 @@ def test_the_last_step_of_a_slider_is_a_mark_although_the_run_ends(tmp_path: Pat
 
 
 @pytest.mark.realtime
-def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -> None:
-    """The run takes 5 s, in real time."""
+def test_the_end_of_a_run_has_verdict_reasons_and_exit_code(tmp_path: Path) -> None:
+    """The run takes 5 s in real time."""
     text = 'duration = 5\n[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 70"\n'
     (tmp_path / "never.toml").write_text(text, encoding="utf-8")
     with bench_with_page(tmp_path, "end", "--ecu", "reference", "--scenario", "never.toml") as client:
@@ -504,7 +504,7 @@ def test_the_end_has_the_verdict_the_reasons_and_the_exit_code(tmp_path: Path) -
     assert states[0]["verdicts"][0]["verdict"] == "pending"
 
 
-def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> None:
+def test_events_of_an_ecu_in_its_own_process_are_in_the_log(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('[[request]]\ntime = 0.3\naction = "open"\n', encoding="utf-8")
     bus = f"udp_multicast:239.76.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
     ecu = ("--bus", bus, "--ecu", "reference", "--scenario", "s.toml")
@@ -513,7 +513,7 @@ def test_events_of_an_ecu_in_a_second_process_are_in_the_log(tmp_path: Path) -> 
 
 
 @pytest.mark.realtime
-def test_a_command_of_a_client_that_has_gone_is_not_executed(tmp_path: Path) -> None:
+def test_a_command_of_a_disconnected_client_is_not_executed(tmp_path: Path) -> None:
     with bench(tmp_path, "gone") as run, page_beside(run, tmp_path) as client:
         until(client, is_going)
         client.child.send_signal(signal.SIGSTOP)
@@ -538,11 +538,11 @@ def children_of(pid: int) -> list[int]:
 
 
 def is_page(pid: int) -> bool:
-    """Whether a child of a run is its page, not the recorder process that waits for an order."""
+    """Tell whether a child of a run is its page, not the recorder process that waits for an order."""
     return b"recorder_process" not in Path(f"/proc/{pid}/cmdline").read_bytes()
 
 
-def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_again(tmp_path: Path) -> None:
+def test_a_page_that_ends_before_its_run_is_reported_with_how_to_start_it_again(tmp_path: Path) -> None:
     with bench_with_page(tmp_path, "alone", "--read-only") as client:
         run = client.child
         until(client, is_going)
@@ -557,7 +557,7 @@ def test_a_page_that_ends_before_its_run_is_told_at_once_with_how_to_have_one_ag
             assert is_going(until(again, is_going))
 
 
-def test_a_run_that_is_killed_ends_with_an_error(tmp_path: Path) -> None:
+def test_a_killed_run_is_shown_as_ended_with_an_error(tmp_path: Path) -> None:
     with bench(tmp_path, "killed") as run, page_beside(run, tmp_path) as client:
         until(client, is_going)
         run.kill()
@@ -567,7 +567,7 @@ def test_a_run_that_is_killed_ends_with_an_error(tmp_path: Path) -> None:
     assert "without reporting a result" in end["reason"]
 
 
-def test_the_next_run_on_the_bus_is_shown(tmp_path: Path) -> None:
+def test_the_next_run_on_the_same_bus_is_shown(tmp_path: Path) -> None:
     with bench(tmp_path, "again") as first, page_beside(first, tmp_path) as client:
         until(client, is_going)
         assert client.ask("/api/about")[1]["number"] == 1
@@ -581,7 +581,7 @@ def test_the_next_run_on_the_bus_is_shown(tmp_path: Path) -> None:
             assert client.command(set={"road_slope_deg": 3})[0] == 200
 
 
-def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
+def test_scenarios_of_a_folder_can_be_started_and_stopped(tmp_path: Path) -> None:
     (tmp_path / "opens.toml").write_text('[[request]]\ntime = 0.1\naction = "open"\n', encoding="utf-8")
     (tmp_path / "wrong.toml").write_text("nonsense = 1\n", encoding="utf-8")
     Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.toml")).write_text("")
@@ -609,13 +609,13 @@ def test_scenarios_of_a_folder_are_started_and_stopped(tmp_path: Path) -> None:
     assert not Path(f"/proc/{pid}").exists()
 
 
-def test_only_a_page_with_a_folder_starts_runs(client: Client) -> None:
+def test_a_dashboard_without_a_scenario_folder_refuses_to_start_runs(client: Client) -> None:
     assert client.ask("/api/run")[0] == 403
     assert client.ask("/api/run", b'{"scenario": null}')[0] == 403
 
 
-def test_connections_that_stand_still_are_dropped(client: Client) -> None:
-    """One that says nothing, one that begins to, a WebSocket without pings, and viewers that read nothing."""
+def test_idle_connections_are_dropped(client: Client) -> None:
+    """Silent ones, ones with an incomplete request, a WebSocket without pings, and viewers that read nothing."""
     deaf = [deaf_to(client) for _ in range(5)]
     port = client.endpoint[1]
     theirs = {wire.getsockname()[1] for wire in deaf}
@@ -633,14 +633,14 @@ def test_connections_that_stand_still_are_dropped(client: Client) -> None:
 
 
 def request(client: Client, token: str) -> bytes:
-    """A request on a connection that stays open."""
+    """Return a request for a connection that stays open."""
     return f"GET /api/about?token={token} HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode()
 
 
-def test_connections_without_the_token_keep_nobody_out_however_many(
+def test_any_number_of_connections_without_the_token_does_not_block_others(
     folder: Path, run: subprocess.Popen[str]
 ) -> None:
-    """Of too many the oldest is dropped on which no request with it has come, without a word on the terminal."""
+    """The oldest connections without a request with the token are dropped, without a message on the terminal."""
     with page_beside(run, folder) as client:
         until(client, is_going)
         with streamed(client) as viewer:
@@ -658,7 +658,7 @@ def test_connections_without_the_token_keep_nobody_out_however_many(
         assert client.child.stderr.read() == ""
 
 
-def test_a_request_without_the_token_ends_its_connection(client: Client) -> None:
+def test_a_request_without_the_token_closes_its_connection(client: Client) -> None:
     with socket.create_connection(client.endpoint, timeout=30) as wire:
         wire.sendall(request(client, "wrong") * 2)
         come = b""
@@ -668,13 +668,13 @@ def test_a_request_without_the_token_ends_its_connection(client: Client) -> None
 
 
 def served(port: int) -> set[int]:
-    """The ports of the clients to which a server on a port has connections (proc_net_tcp(5))."""
+    """Return the ports of the clients connected to a server on a port (proc_net_tcp(5))."""
     rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     ends = [[int(each.rpartition(":")[2], 16) for each in row[1:3]] for row in rows if row[3] == "01"]
     return {remote for local, remote in ends if local == port}
 
 
-def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
+def test_a_recording_can_be_shown_whole_and_at_any_time(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     result = lh.run("demo", duration=3.0, record=path, trace=True)
     with page_of(tmp_path, "--recording", "run.csv") as client:

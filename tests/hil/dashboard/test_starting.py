@@ -1,4 +1,4 @@
-"""Starting of scenarios by a page, with a stand-in for the client of a run that compiles."""
+"""Scenarios started from a page, with a stand-in for the client of a run that is being compiled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_hil.errors import ConfigError, RunGoneError
 
 
 class NeverReady:
-    """In place of a client: the run is still being compiled."""
+    """A stand-in for the client of a run that is still being compiled."""
 
     def __init__(self, pid: int) -> None:
         raise ConfigError("it has not begun")
@@ -55,7 +55,7 @@ def test_a_second_start_is_refused_while_the_first_one_compiles(starter: Starter
     assert starter.running is None
 
 
-def test_nothing_starts_after_the_page_has_ended(starter: Starter) -> None:
+def test_no_run_starts_after_the_dashboard_was_closed(starter: Starter) -> None:
     said: list[str] = []
     thread = starts(starter, said)
     starter.close()
@@ -65,25 +65,25 @@ def test_nothing_starts_after_the_page_has_ended(starter: Starter) -> None:
     assert starter.running is None
 
 
-def test_a_run_that_ends_at_once_says_why(starter: Starter, tmp_path: Path) -> None:
+def test_a_run_that_ends_at_once_is_reported_with_the_reason(starter: Starter, tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("nonsense = 1")
     with pytest.raises(RunGoneError, match=r"a.toml did not begin \(exit code 2\): .*nonsense"):
         starter.start("a.toml")
 
 
-def test_the_scenarios_that_can_be_started_have_the_documented_keys(starter: Starter) -> None:
+def test_entries_of_startable_scenarios_have_the_documented_keys(starter: Starter) -> None:
     keys = keys_of(Startable)
     assert {*written(starter.state(), keys)} == {*keys}
 
 
 class Ended:
-    """In place of a client: a run that has begun."""
+    """A stand-in for the client of a run that has begun."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
 
 
-def test_the_verdict_of_the_last_run_is_kept_by_scenario(
+def test_the_last_verdict_is_kept_for_each_scenario(
     starter: Starter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.dashboard.starting.Client", Ended)

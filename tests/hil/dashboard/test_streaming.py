@@ -1,4 +1,4 @@
-"""The stream of states: what viewers get who take them at different paces."""
+"""Streaming of states to viewers that read at different speeds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from liftgate_hil.dashboard.streaming import Viewers, merged
 
 
 class Wire:
-    """The WebSocket of a viewer that takes a message when it is told to."""
+    """The WebSocket of a viewer that reads a message only on request."""
 
     def __init__(self) -> None:
         self.taken: list[Any] = []
@@ -40,7 +40,7 @@ def state(k: int, **more: Any) -> dict[str, Any]:
     return {"number": 1, "time_s": float(k), "span": span, "log": [[k, 0.0, f"line {k}"]], **more}
 
 
-def test_a_slow_viewer_gets_one_state_in_place_of_several_with_all_that_they_held() -> None:
+def test_a_slow_viewer_gets_one_merged_state_in_place_of_several() -> None:
     async def go() -> tuple[Wire, Wire]:
         viewers, quick, slow = Viewers(), Wire(), Wire()
         serving = [asyncio.create_task(viewers.serve(each)) for each in (quick, slow)]  # type: ignore[arg-type]
@@ -65,23 +65,23 @@ def test_a_slow_viewer_gets_one_state_in_place_of_several_with_all_that_they_hel
     assert rest["span"] == {"low": [2.0, -5.0], "high": [5.5, -1.5]}
 
 
-def test_states_without_new_rows_keep_the_extremes_of_those_before() -> None:
+def test_merging_a_state_without_new_rows_keeps_the_earlier_extremes() -> None:
     assert merged(state(1), {"number": 1, "span": {}, "log": []})["span"] == state(1)["span"]
     assert merged({"number": 1, "span": {}}, state(2))["span"] == state(2)["span"]
 
 
-def test_a_number_that_one_state_has_not_is_that_of_the_other() -> None:
+def test_merging_ignores_nan_where_the_other_state_has_a_number() -> None:
     nan = {"number": 1, "span": {"low": [float("nan")], "high": [float("nan")]}}
     known = {"number": 1, "span": {"low": [2.0], "high": [3.0]}}
     assert merged(nan, known)["span"] == merged(known, nan)["span"] == known["span"]
 
 
-def test_the_state_of_another_run_takes_nothing_from_the_one_before() -> None:
+def test_states_of_different_runs_are_not_merged() -> None:
     other = {"number": 2, "time_s": 0.0}
     assert merged(state(1, messages=["old"]), other) == other
 
 
-def test_the_log_of_a_viewer_that_takes_nothing_has_an_end() -> None:
+def test_the_log_for_a_viewer_that_reads_nothing_is_limited() -> None:
     waiting = state(0)
     for k in range(1, 1000):
         waiting = merged(waiting, state(k))

@@ -1,4 +1,4 @@
-"""The trace of a bus: the latest frames, each once."""
+"""The bus trace of a page: the latest frames, each once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def frames(*times: int) -> np.ndarray:
 
 @pytest.fixture
 def kept(monkeypatch: pytest.MonkeyPatch) -> FrameTrace:
-    """A trace of ten frames of which six go into one reply."""
+    """A trace of ten frames, of which six fit into one reply."""
     monkeypatch.setattr(heard, "_KEPT", 10)
     monkeypatch.setattr(heard, "MOST_FRAMES", 6)
     return FrameTrace()
@@ -29,7 +29,7 @@ def after(kept: FrameTrace, number: int) -> tuple[int, list[int]]:
     return first, found["time_ns"].tolist()
 
 
-def test_each_frame_comes_once_in_its_order(kept: FrameTrace) -> None:
+def test_each_frame_is_returned_once_and_in_order(kept: FrameTrace) -> None:
     assert after(kept, 0) == (1, [])
     kept.keep(frames(10, 20))
     kept.keep(no_logged())
@@ -41,20 +41,20 @@ def test_each_frame_comes_once_in_its_order(kept: FrameTrace) -> None:
     assert after(kept, 3) == (4, [40])
 
 
-def test_of_more_than_go_into_a_reply_the_latest_come_and_the_number_tells_the_gap(kept: FrameTrace) -> None:
+def test_a_reply_that_is_full_has_the_latest_frames_and_the_number_of_the_first(kept: FrameTrace) -> None:
     kept.keep(frames(*range(1, 10)))
     assert after(kept, 0) == (4, [4, 5, 6, 7, 8, 9])
     assert after(kept, 2) == (4, [4, 5, 6, 7, 8, 9])
     assert after(kept, 6) == (7, [7, 8, 9])
 
 
-def test_the_oldest_are_dropped(kept: FrameTrace) -> None:
+def test_the_oldest_frames_are_dropped_from_a_full_trace(kept: FrameTrace) -> None:
     for k in range(1, 101):
         kept.keep(frames(k))
     assert len(kept._blocks) == 10
     assert after(kept, 0) == (95, [95, 96, 97, 98, 99, 100])
 
 
-def test_a_number_of_another_run_gives_none(kept: FrameTrace) -> None:
+def test_an_unknown_frame_number_gives_no_frames(kept: FrameTrace) -> None:
     kept.keep(frames(1, 2))
     assert after(kept, 50) == (3, [])

@@ -1,4 +1,4 @@
-"""Two ends of ISO-TP that exchange frames by hand: ours, and can-isotp on a clock of the test's."""
+"""Two ISO-TP nodes that exchange frames directly: our implementation, and can-isotp on a simulated clock."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TICK_NS = 1_000_000
 
 
 class Clock:
-    """In place of the module `time`, as can-isotp's timers use it."""
+    """A stand-in for the module `time`, as used by can-isotp's timers."""
 
     def __init__(self) -> None:
         self.now_ns = 0
@@ -27,7 +27,7 @@ class Clock:
 
 
 class Ours:
-    """Sends on REQUEST, receives on RESPONSE."""
+    """Our node: sends on REQUEST, receives on RESPONSE."""
 
     def __init__(self, **said: int) -> None:
         self.link = new_link(REQUEST, RESPONSE, **said)
@@ -53,7 +53,7 @@ class Ours:
 
 
 class Theirs:
-    """The other way round; what it found wrong is in `errors`."""
+    """The node of can-isotp: sends on RESPONSE, receives on REQUEST; its errors are in `errors`."""
 
     def __init__(self, **said: Any) -> None:
         self.inbox: deque[bytes] = deque()

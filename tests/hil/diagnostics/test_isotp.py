@@ -1,4 +1,4 @@
-"""ISO-TP against can-isotp: the same messages whoever sends or receives, and nothing that wrong frames break."""
+"""ISO-TP against can-isotp: the same messages in both directions, and robustness against wrong frames."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def exchange(clock: Clock, ours: Ours, theirs: Theirs, ticks: int, lost: int = -1) -> int:
-    """Let them talk until both are silent; the frame with a number is lost. How many frames there were."""
+    """Exchange frames until both nodes are silent, dropping frame number `lost`; return the number of frames."""
     count, quiet = 0, 0
     for _ in range(ticks):
         now_ns = clock.now_ns
@@ -53,7 +53,7 @@ LENGTHS = (1, 6, 7, 8, 9, 13, 14, 62, 300, 4094, LONGEST)
 
 
 @pytest.mark.parametrize("case", range(30))
-def test_messages_of_any_length_go_both_ways_at_a_time(clock: Clock, case: int) -> None:
+def test_messages_of_any_length_are_exchanged_in_both_directions_at_once(clock: Clock, case: int) -> None:
     rng = np.random.default_rng(case)
     padding = [None, 0x00, 0xCC][case % 3]
     filled = -1 if padding is None else padding
@@ -68,7 +68,7 @@ def test_messages_of_any_length_go_both_ways_at_a_time(clock: Clock, case: int) 
     assert (theirs.got, ours.got) == ([there], [back])
 
 
-def test_frames_are_theirs_byte_for_byte(clock: Clock) -> None:
+def test_frames_equal_those_of_can_isotp_byte_by_byte(clock: Clock) -> None:
     message = bytes(range(20))
     ours, theirs = Ours(padding=0xAA), Theirs(tx_padding=0xAA)
     ours.send(message)
@@ -82,7 +82,7 @@ def test_frames_are_theirs_byte_for_byte(clock: Clock) -> None:
     assert theirs.poll() == [bytes.fromhex("300800aaaaaaaaaa")]
 
 
-def test_a_gap_is_kept(clock: Clock) -> None:
+def test_the_separation_time_between_frames_is_kept(clock: Clock) -> None:
     ours = Ours()
     ours.send(bytes(40))
     ours.poll(0)
@@ -98,7 +98,7 @@ def test_a_gap_is_kept(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("lost", range(12))
-def test_after_a_lost_frame_neither_end_waits_for_ever(clock: Clock, lost: int) -> None:
+def test_after_a_lost_frame_neither_node_waits_forever(clock: Clock, lost: int) -> None:
     ours, theirs = Ours(block_size=3), Theirs(blocksize=2)
     there, back = bytes(range(60)), bytes(range(100, 150))
     ours.send(there)
@@ -115,8 +115,8 @@ def test_after_a_lost_frame_neither_end_waits_for_ever(clock: Clock, lost: int) 
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_disordered_frames_give_the_messages_that_they_give_to_others(clock: Clock, seed: int) -> None:
-    """Frames of several messages, some of them lost, doubled or in another order, to either receiver."""
+def test_disordered_frames_give_the_same_messages_as_in_can_isotp(clock: Clock, seed: int) -> None:
+    """Frames of several messages, some lost, doubled or reordered, are sent to either receiver."""
     rng = np.random.default_rng(seed)
     frames = []
     for length in rng.integers(1, 60, 4):
@@ -145,7 +145,7 @@ def test_disordered_frames_give_the_messages_that_they_give_to_others(clock: Clo
     assert ours.got == theirs.got
 
 
-def test_both_ends_give_up_after_the_same_time(clock: Clock) -> None:
+def test_both_implementations_time_out_after_the_same_time(clock: Clock) -> None:
     ours, theirs = Ours(), Theirs()
     for end in (ours, theirs):
         end.send(bytes(20))
@@ -164,7 +164,7 @@ def test_both_ends_give_up_after_the_same_time(clock: Clock) -> None:
 
 
 def after(*payloads: str, sending: int = 0, now_ns: int = 0) -> Ours:
-    """Our end after frames, while it is sending so many bytes."""
+    """Return our node after frames, while it sends a message of a number of bytes."""
     ours = Ours(block_size=2)
     if sending:
         ours.send(bytes(sending))
@@ -174,7 +174,7 @@ def after(*payloads: str, sending: int = 0, now_ns: int = 0) -> Ours:
     return ours
 
 
-def test_what_is_wrong_ends_as_the_standard_says() -> None:
+def test_protocol_errors_end_a_transfer_as_in_the_standard() -> None:
     def sending(*payloads: str) -> int:
         return int(after(*payloads, sending=30).link.head.send_result[0])
 
@@ -201,7 +201,7 @@ def test_what_is_wrong_ends_as_the_standard_says() -> None:
     ["", "00", "01", "08" + "11" * 7, "0301", "1007" + "00" * 6, "100800", "21" + "00" * 7, "3000", "300000",
      "F0" * 8, "40"],
 )  # fmt: skip
-def test_what_makes_no_sense_is_ignored(payload: str) -> None:
+def test_invalid_frames_are_ignored(payload: str) -> None:
     ours = after(payload)
     assert ours.is_idle
     assert ours.poll(0) == []
@@ -210,13 +210,13 @@ def test_what_makes_no_sense_is_ignored(payload: str) -> None:
     assert ours.got == [bytes(range(10))]
 
 
-def test_a_message_that_is_too_long_is_refused() -> None:
+def test_a_too_long_message_is_refused_with_overflow() -> None:
     ours = after("1000000010000001")
     assert [payload[:3].hex() for payload in ours.poll(0)] == ["320200"]
     assert ours.is_idle
 
 
-def test_frames_of_others_are_none_of_its_own() -> None:
+def test_frames_with_another_identifier_are_ignored() -> None:
     ours = Ours()
     for identifier in (REQUEST, RESPONSE | EXTENDED, RESPONSE | FD, RESPONSE + 1):
         ours.take(b"\x01\x42", 0, identifier)
@@ -226,7 +226,7 @@ def test_frames_of_others_are_none_of_its_own() -> None:
 
 
 def fed(link: Link, frames: Frames, room: Frames, now_ns: int, step_ns: int) -> int:
-    """All that comes, a tick each, answered; the sum of the lengths of what was whole."""
+    """Return the total length of messages received from frames, one per tick, in exchange with our node."""
     total = 0
     for i in range(frames.count):
         total += hear(link, frames, i, now_ns)
@@ -235,8 +235,8 @@ def fed(link: Link, frames: Frames, room: Frames, now_ns: int, step_ns: int) -> 
     return total
 
 
-def test_rubbish_neither_breaks_nor_blocks_it() -> None:
-    """In machine code, which would write anywhere, the same as in Python, which would raise."""
+def test_random_frames_neither_crash_nor_block_the_node() -> None:
+    """In machine code, which could write anywhere, as in Python, which would raise."""
     rng = np.random.default_rng(1)
     count = 4000
     frames = empty_frames(count)._replace(count=count)
@@ -260,7 +260,7 @@ def test_rubbish_neither_breaks_nor_blocks_it() -> None:
     assert (ours.got, ours.is_idle) == ([b"ok"], True)
 
 
-def test_sequence_numbers_go_round() -> None:
+def test_sequence_numbers_wrap_around() -> None:
     ours = Ours()
     ours.send(bytes(7 * 40))
     ours.poll(0)
@@ -270,8 +270,8 @@ def test_sequence_numbers_go_round() -> None:
 
 
 @pytest.mark.realtime
-def test_it_talks_to_them_on_a_bus() -> None:
-    """Python-can's virtual bus, can-isotp in a thread of its own, timers of the computer's clock."""
+def test_messages_are_exchanged_with_can_isotp_on_a_virtual_bus() -> None:
+    """On python-can's virtual bus in real time, with can-isotp in its own thread."""
     rng = np.random.default_rng(4)
     there, back = random_bytes(rng, 300), random_bytes(rng, 500)
     ours, channel = Ours(block_size=4, st_min=1), "isotp"

@@ -1,4 +1,4 @@
-"""The bench's tester: what it asks when, and what it takes for an answer; tick by tick, without a bus."""
+"""The bench's diagnostic tester: when it sends requests, and what it accepts as responses; without a bus."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CLEAR, READ, RESET = (bytes.fromhex(each) for each in ("14ffffff", "190209", "11
 
 
 def asked(tester: bench.Tester, milliseconds: range, answers: dict[int, str]) -> list[tuple[int, str]]:
-    """What it asks and when [ms], in ticks of 1 ms; `answers` are single frames' data by the tick they come in."""
+    """Return the requests and their times [ms], in ticks of 1 ms; `answers` are single frames' data by tick."""
     found = []
     for now in milliseconds:
         if now in answers:
@@ -41,7 +41,7 @@ def asked(tester: bench.Tester, milliseconds: range, answers: dict[int, str]) ->
     return found
 
 
-def test_a_reset_waits_for_the_answer_to_what_was_asked_before() -> None:
+def test_a_reset_waits_for_the_response_to_the_previous_request() -> None:
     tester = bench.tester_of(OWN, CLEAR, READ, RESET)
     assert asked(tester, range(3), {2: "54"}) == [(0, "14ffffff"), (2, "190209")]
     wants_reset(tester)
@@ -53,7 +53,7 @@ def test_a_reset_waits_for_the_answer_to_what_was_asked_before() -> None:
     assert failure_of(tester) == NO_FAILURE
 
 
-def test_a_reset_alone_asks_for_nothing_else_and_can_be_wanted_again() -> None:
+def test_a_tester_for_resets_alone_sends_nothing_else_and_can_reset_again() -> None:
     tester = bench.tester_of(OWN, b"", b"", RESET)
     assert asked(tester, range(500), {}) == []
     for start in (500, 1000):
@@ -63,7 +63,7 @@ def test_a_reset_alone_asks_for_nothing_else_and_can_be_wanted_again() -> None:
     assert failure_of(tester) == NO_FAILURE
 
 
-def test_without_a_response_a_reset_is_not_asked_for_again() -> None:
+def test_a_reset_without_a_response_is_not_sent_again() -> None:
     tester = bench.tester_of(OWN, b"", b"", RESET)
     wants_reset(tester)
     assert asked(tester, range(250), {}) == [(0, "1101")]
@@ -73,7 +73,7 @@ def test_without_a_response_a_reset_is_not_asked_for_again() -> None:
     assert failure_of(tester) == NO_RESPONSE
 
 
-def test_a_reset_that_failed_is_not_forgotten_when_the_next_one_is_made() -> None:
+def test_a_failed_reset_is_still_reported_after_a_successful_one() -> None:
     tester = bench.tester_of(OWN, b"", b"", RESET)
     wants_reset(tester)
     asked(tester, range(10), {5: "7f1122"})
@@ -82,7 +82,7 @@ def test_a_reset_that_failed_is_not_forgotten_when_the_next_one_is_made() -> Non
     assert failure_of(tester) == 0x22
 
 
-def test_what_is_asked_once_is_asked_again_where_that_is_wanted() -> None:
+def test_a_request_with_repetition_is_sent_again_until_the_response() -> None:
     tester = asking_once(OWN, RESET, is_repeated=True)
     assert asked(tester, range(600), {}) == [(0, "1101"), (251, "1101"), (502, "1101")]
     assert asked(tester, range(600, 1500), {600: "5101"}) == []
@@ -90,7 +90,7 @@ def test_what_is_asked_once_is_asked_again_where_that_is_wanted() -> None:
 
 
 @pytest.mark.parametrize("make", [asking_once, lambda own, request: asking_once(own, request, True)])
-def test_response_pending_prolongs_the_wait_each_time(make: Callable[[Diagnostics, bytes], bench.Tester]) -> None:
+def test_each_response_pending_prolongs_the_wait(make: Callable[[Diagnostics, bytes], bench.Tester]) -> None:
     tester = make(OWN, RESET)
     pending = dict.fromkeys((200, 5100, 10_000), "7f1178")
     assert asked(tester, range(14_000), pending) == [(0, "1101")]
@@ -99,13 +99,13 @@ def test_response_pending_prolongs_the_wait_each_time(make: Callable[[Diagnostic
     assert (is_asking_once(tester), failure_of(tester)) == (False, NO_FAILURE)
 
 
-def test_a_busy_ecu_is_asked_again_a_period_later() -> None:
+def test_a_request_refused_as_busy_is_sent_again_a_period_later() -> None:
     tester = asking_once(OWN, RESET)
     assert asked(tester, range(200), {5: "7f1121"}) == [(0, "1101"), (105, "1101")]
 
 
 @pytest.mark.parametrize("other", ["5102", "51", "5001", "7f1022", "7f11", "54", "59027f", "1101"])
-def test_other_messages_are_no_answers(other: str) -> None:
+def test_responses_to_other_requests_are_ignored(other: str) -> None:
     tester = asking_once(OWN, RESET)
     asked(tester, range(10), {5: other})
     assert is_asking_once(tester)
@@ -113,7 +113,7 @@ def test_other_messages_are_no_answers(other: str) -> None:
     assert not is_asking_once(tester)
 
 
-def test_the_answer_stays_as_it_came() -> None:
+def test_only_the_first_response_is_kept() -> None:
     tester = asking_once(OWN, READ)
     asked(tester, range(10), {5: "59027f9a0162"})
     asked(tester, range(10, 20), {15: "59027f"})

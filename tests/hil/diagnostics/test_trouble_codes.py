@@ -1,4 +1,4 @@
-"""Trouble codes as text and number; what answers say of them."""
+"""Trouble codes as text and number, and their decoding from responses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESPONSE = 0x7A8
         ("B1A01-62", 0x9A0162, 0xFFFFFF), ("B3FFF-FF", 0xBFFFFF, 0xFFFFFF), ("U0100-87", 0xC10087, 0xFFFFFF),
     ],
 )  # fmt: skip
-def test_a_text_is_a_number(text: str, number: int, mask: int) -> None:
+def test_the_text_of_a_code_is_converted_to_a_number_and_back(text: str, number: int, mask: int) -> None:
     assert number_of(text) == (number, mask)
     assert text_of(number).startswith(text)
 
@@ -33,13 +33,13 @@ def test_a_text_is_a_number(text: str, number: int, mask: int) -> None:
 @pytest.mark.parametrize(
     "text", ["", "B1A0", "B1A011", "X1A01", "B4A01", "b1a01", "B1A01-6", "B1A01-621", "B1A0G", "B1A01 ", "0x9A01"]
 )
-def test_what_is_no_code_is_reported(text: str) -> None:
+def test_an_invalid_code_is_reported(text: str) -> None:
     with pytest.raises(ValueError, match="allowed: five characters such as B1A01"):
         number_of(text)
 
 
 def frames_of_answers(*answers: str, identifier: int = RESPONSE) -> np.ndarray:
-    """Frames, a millisecond apart."""
+    """Return frames at intervals of a millisecond."""
     return logged([(k * 1_000_000, identifier, bytes.fromhex(answer)) for k, answer in enumerate(answers)])
 
 
@@ -47,8 +47,8 @@ def answers(*codes: str, mask: int = 0x09) -> Answers:
     return Answers(Diagnostics(0x7A0, RESPONSE, status_mask=mask), codes)
 
 
-def test_an_answer_marks_the_frame_that_ends_it() -> None:
-    """Two codes, one with any failure type; in one frame, and in several."""
+def test_the_last_frame_of_a_response_is_marked_with_the_reported_codes() -> None:
+    """Two codes, one for any failure type, in single frames and in several frames."""
     own = answers("B1A01-62", "U1A01")
     none, one = "0359027FCCCCCCCC", "0759027F9A016209"
     both = ("100B59027F9A0162", "2108DA01870100CC")
@@ -59,19 +59,19 @@ def test_an_answer_marks_the_frame_that_ends_it() -> None:
     assert own.marks(frames_of_answers(one, identifier=RESPONSE + 1)).tolist() == [NO_ANSWER]
 
 
-def test_a_message_goes_on_from_one_part_of_the_frames_to_the_next() -> None:
+def test_a_response_may_continue_in_the_next_block_of_frames() -> None:
     own = answers("U1A01-87")
     assert own.marks(frames_of_answers("100B59027F9A0162")).tolist() == [NO_ANSWER]
     assert own.marks(frames_of_answers("2108DA01870100CC")).tolist() == [1]
 
 
-def test_the_mask_says_what_counts_as_reported() -> None:
+def test_the_status_mask_decides_which_codes_count_as_reported() -> None:
     pending = frames_of_answers("0759027F9A016204")
     assert answers("B1A01").marks(pending).tolist() == [0]
     assert answers("B1A01", mask=0x04).marks(pending).tolist() == [1]
 
 
-def test_other_services_and_refusals_are_no_answers() -> None:
+def test_other_services_and_negative_responses_do_not_count() -> None:
     own = answers("B1A01")
     others = [
         "0154",
@@ -91,7 +91,7 @@ def test_other_services_and_refusals_are_no_answers() -> None:
     )
 
 
-def test_answers_of_any_bytes_are_borne() -> None:
+def test_random_responses_raise_no_error() -> None:
     rng = np.random.default_rng(2)
     rows = np.zeros(4000, dtype=LOGGED)
     rows["identifier"], rows["length"] = RESPONSE, rng.integers(0, 9, len(rows))
@@ -103,12 +103,12 @@ def test_answers_of_any_bytes_are_borne() -> None:
     assert (found == 0).any()
 
 
-def test_requests_are_those_of_the_standard() -> None:
+def test_requests_have_the_bytes_of_the_standard() -> None:
     assert services.read_request(0x09) == bytes.fromhex("190209")
     assert services.clear_request() == bytes.fromhex("14FFFFFF")
 
 
-def test_a_missing_library_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_udsoncan_package_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     assert services.is_there()
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     assert not services.is_there()

@@ -1,4 +1,4 @@
-"""Checks of buses, on machines made of files and answers."""
+"""The doctor's checks of CAN buses, on simulated machines."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_kernel_without_can_is_reported():
     assert "modprobe can_raw" in check.advice
 
 
-def test_without_an_interface_it_says_how_to_make_one(tmp_path: Path):
+def test_without_a_can_interface_the_advice_is_how_to_make_one(tmp_path: Path):
     interface(tmp_path, "eth0", type=1)
     (check,) = buses.interfaces(tmp_path, lambda name: "")
     assert (check.level, check.found) == ("warning", "none")
@@ -46,7 +46,7 @@ def test_without_an_interface_it_says_how_to_make_one(tmp_path: Path):
     assert "udp_multicast:" in check.advice
 
 
-def test_each_interface_is_reported_with_state_and_bit_rate(tmp_path: Path):
+def test_each_can_interface_is_reported_with_state_and_bit_rate(tmp_path: Path):
     interface(tmp_path, "can0")
     interface(tmp_path, "can1", flags="0x0", mtu=72)
     interface(tmp_path, "can2", carrier=0)
@@ -68,11 +68,11 @@ def test_each_interface_is_reported_with_state_and_bit_rate(tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ["", "nonsense", "[]", "[3]", "{}", '[{"linkinfo": {}}]'])
-def test_an_answer_that_cannot_be_read_is_none(text: str):
+def test_an_unreadable_answer_on_a_link_is_empty(text: str):
     assert buses.link_of(text) == {}
 
 
-def test_adapters_are_named_as_the_bus_flag_takes_them():
+def test_adapters_are_listed_in_the_form_of_the_bus_flag():
     found = [["virtual", "x"], ["pcan", "PCAN_USBBUS1"], ["serial", "/dev/ttyS0"]]
     assert buses.adapters(found).found.endswith(": pcan:PCAN_USBBUS1")
     assert buses.adapters([]).found.endswith(": none")
@@ -88,7 +88,7 @@ def test_adapters_are_named_as_the_bus_flag_takes_them():
         ("print('noise')", "warning", "failed"),
     ],
 )
-def test_drivers_that_hang_or_crash_are_survived(code: str, level: str, said: str):
+def test_can_drivers_that_hang_or_crash_are_reported(code: str, level: str, said: str):
     detection = buses.Detection((sys.executable, "-c", code))
     try:
         check = detection.wait(1.0 if "sleep" in code else 60.0)
@@ -98,7 +98,7 @@ def test_drivers_that_hang_or_crash_are_survived(code: str, level: str, said: st
     assert said in check.found
 
 
-def test_a_search_that_cannot_be_started_is_reported():
+def test_an_adapter_search_that_cannot_start_is_reported():
     detection = buses.Detection(("/nosuch/python",))
     assert "could not be started" in detection.wait().found
     detection.close()
@@ -109,7 +109,7 @@ def port(device: Path, vid: int | None) -> SimpleNamespace:
     return SimpleNamespace(device=str(device), vid=vid, description="CP2102")
 
 
-def test_a_port_that_something_is_plugged_into_has_to_be_open_to_the_user(
+def test_a_serial_port_with_a_device_must_be_accessible_to_the_user(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     assert buses.serial_ports([], "eva").found == "none"
@@ -126,6 +126,6 @@ def test_a_port_that_something_is_plugged_into_has_to_be_open_to_the_user(
     assert " eva, " in check.advice
 
 
-def test_a_port_that_vanished_belongs_to_dialout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_vanished_serial_port_is_assumed_to_belong_to_dialout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     gone = SimpleNamespace(device=str(tmp_path / "gone"), vid=1, description="x")
     assert "dialout eva" in buses.serial_ports([gone], "eva").advice

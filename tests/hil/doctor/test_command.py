@@ -1,4 +1,4 @@
-"""`liftgate-hil doctor` as a process on this machine, whatever that is."""
+"""`liftgate-hil doctor` as a process on the actual machine."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def call(name: str) -> Done:
 
 @pytest.fixture(scope="module")
 def answers() -> Mapping[str, Done]:
-    """All calls at once: each waits 5 s for drivers to answer."""
+    """Results of all calls, run at once, as each waits 5 s for drivers to answer."""
     names = [name for name in _CALLS if name != "unprivileged" or os.getuid() == 0]
     with ThreadPoolExecutor(len(names)) as pool:
         return dict(zip(names, pool.map(call, names), strict=True))
@@ -73,7 +73,7 @@ def assert_sound(answer: dict[str, Any], code: int) -> None:
     assert figures["lateness"]["count"] + figures["lateness"]["missed"] == 100
 
 
-def test_the_answer_as_json(answers: Mapping[str, Done]):
+def test_the_json_has_checks_and_levels(answers: Mapping[str, Done]):
     done = answers["json"]
     assert done.stderr == ""
     answer = json.loads(done.stdout)
@@ -81,7 +81,7 @@ def test_the_answer_as_json(answers: Mapping[str, Done]):
     assert "real time" in [each["check"] for each in answer["checks"]]
 
 
-def test_the_answer_in_words_and_only_what_is_not_ok(answers: Mapping[str, Done]):
+def test_quiet_prints_only_checks_that_are_not_ok(answers: Mapping[str, Done]):
     loud, quiet = answers["in words"], answers["quiet"]
     for done in (loud, quiet):
         assert done.returncode in (0, 1)
@@ -93,14 +93,14 @@ def test_the_answer_in_words_and_only_what_is_not_ok(answers: Mapping[str, Done]
     assert loud.stdout.startswith("ok       platform")
 
 
-def test_a_cpu_that_is_not_there_is_a_problem(answers: Mapping[str, Done]):
+def test_a_missing_cpu_is_a_problem(answers: Mapping[str, Done]):
     done = answers["no such CPU"]
     assert done.returncode == 1
     assert "CPU 1023 is not one" in done.stdout
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody else")
-def test_an_unprivileged_user_gets_an_answer(answers: Mapping[str, Done]):
+def test_an_unprivileged_user_gets_warnings(answers: Mapping[str, Done]):
     done = answers["unprivileged"]
     assert "Traceback" not in done.stderr
     answer = json.loads(done.stdout)

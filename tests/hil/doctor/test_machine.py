@@ -1,4 +1,4 @@
-"""Checks of machine, limits and software, on machines made of files."""
+"""The doctor's checks of machine, limits and software, on simulated machines."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def make(tmp_path: Path) -> Make:
 
 
 def says(check: Check, level: str, *words: str) -> None:
-    """It has that level, these words, and advice exactly where it isn't ok."""
+    """Check that a result has a level and words, and advice exactly where it isn't ok."""
     assert check.level == level, check
     text = f"{check.found} {check.advice}"
     for word in words:
@@ -44,7 +44,7 @@ def says(check: Check, level: str, *words: str) -> None:
     assert all("\n" not in part for part in check)
 
 
-def test_only_64_bit_little_endian_linux_is_fit():
+def test_only_64_bit_little_endian_linux_supports_real_time():
     says(machine.platform("linux", 64, "little"), "ok")
     for name, bits, order in (("linux", 32, "little"), ("linux", 64, "big"), ("darwin", 64, "little")):
         says(machine.platform(name, bits, order), "problem", "free and lockstep only")
@@ -74,19 +74,21 @@ def test_only_64_bit_little_endian_linux_is_fit():
         ("#1 SMP Debian", {}, "warning", "no PREEMPT"),
     ],
 )
-def test_the_kernels_preemption_is_judged(make: Make, version: str, files: dict[str, str], level: str, words: str):
+def test_missing_kernel_preemption_is_a_warning(
+    make: Make, version: str, files: dict[str, str], level: str, words: str
+):
     root = make({f"{KERNEL}/version": version, f"{KERNEL}/osrelease": "6.1.0", **files})
     says(machine.kernel(root), level, words, "Linux 6.1.0")
 
 
-def test_cpus_are_counted_and_one_is_too_few(make: Make):
+def test_a_single_cpu_is_a_warning(make: Make):
     root = make({"proc/cpuinfo": "model name\t: Fast One", f"{CPU}/online": "0-3"})
     says(machine.cpus(root, {0, 1, 2, 3}), "ok", "Fast One, 4 CPUs")
     says(machine.cpus(root, {2, 3}), "ok", "may use 2-3")
     says(machine.cpus(root, {2}), "warning", "taskset")
 
 
-def test_the_loops_cpu_is_the_isolated_one_or_the_one_asked_for(make: Make):
+def test_the_loops_cpu_is_an_isolated_or_the_requested_one(make: Make):
     none = make({f"{CPU}/isolated": ""})
     says(machine.isolated(none, {0, 1}, None), "ok", "CPU 1", "isolcpus=1")
     says(machine.isolated(none, {0, 1}, 7), "problem", "CPU 7", "0-1")
@@ -108,16 +110,14 @@ def test_the_loops_cpu_is_the_isolated_one_or_the_one_asked_for(make: Make):
         ),
     ],
 )
-def test_a_quota_of_cpu_time_is_found_wherever_it_is_set(
-    make: Make, group: str, files: dict[str, str], words: str
-):
+def test_a_cpu_quota_of_any_control_group_is_reported(make: Make, group: str, files: dict[str, str], words: str):
     root = make({"proc/self/cgroup": group})
     says(machine.quota(root), "ok", "none")
     make({f"sys/fs/cgroup/{name}": text for name, text in files.items()})
     says(machine.quota(root), "warning", words)
 
 
-def test_no_limit_is_no_quota(make: Make):
+def test_an_unlimited_cpu_quota_is_ok(make: Make):
     root = make(
         {
             "proc/self/cgroup": "1:cpu:/\n0::/box",
@@ -129,7 +129,7 @@ def test_no_limit_is_no_quota(make: Make):
     says(machine.quota(root), "ok")
 
 
-def test_every_cpus_governor_has_to_be_performance(make: Make):
+def test_the_frequency_governor_of_every_cpu_must_be_performance(make: Make):
     says(machine.governor(make({})), "ok", "not set")
     name = f"{CPU}/cpu{{}}/cpufreq/scaling_governor"
     root = make({name.format(cpu): "performance" for cpu in range(11)})
@@ -148,7 +148,7 @@ def test_a_hypervisor_is_reported(make: Make):
     says(machine.virtual(make({"sys/hypervisor/type": "xen"})), "warning", "xen")
 
 
-def test_slow_clocks_are_reported(make: Make):
+def test_a_slow_clock_source_is_reported(make: Make):
     says(machine.clock(make({})), "ok")
     for name in ("tsc", "kvm-clock", "arch_sys_counter"):
         says(machine.clock(make({f"{CLOCK}/current_clocksource": name})), "ok", name)
@@ -168,7 +168,7 @@ def test_slow_clocks_are_reported(make: Make):
         ("", "ok", "not reported"),
     ],
 )
-def test_the_share_of_fifo_tasks(make: Make, runtime: str, level: str, words: str):
+def test_a_low_share_of_cpu_time_for_fifo_tasks_is_reported(make: Make, runtime: str, level: str, words: str):
     says(machine.throttling(make({f"{KERNEL}/sched_rt_runtime_us": runtime})), level, words)
 
 
@@ -180,7 +180,7 @@ def limits_of(priority: str, memory: str) -> str:
     )
 
 
-def test_limits_of_an_ordinary_user_are_too_low(make: Make):
+def test_default_limits_of_a_user_are_reported_as_too_low(make: Make):
     root = make({LIMITS: limits_of("0", "8388608"), STATUS: "CapEff:\t0000000000000000"})
     says(limits.priority(root, "eva"), "warning", "eva - rtprio 80", "LimitRTPRIO=80")
     says(limits.memory(root, "eva"), "warning", "8 MiB", "eva - memlock unlimited", "=infinity")
@@ -195,13 +195,13 @@ def test_limits_of_an_ordinary_user_are_too_low(make: Make):
         (limits_of("0", "0"), f"CapEff:\t{1 << 23 | 1 << 14:016x}"),
     ],
 )
-def test_limits_or_capabilities_let_realtime_be(make: Make, given: str, status: str):
+def test_raised_limits_or_capabilities_are_ok(make: Make, given: str, status: str):
     root = make({LIMITS: given, STATUS: status})
     says(limits.priority(root, "eva"), "ok")
     says(limits.memory(root, "eva"), "ok")
 
 
-def test_sleep_states_need_their_device(make: Make, monkeypatch: pytest.MonkeyPatch):
+def test_control_of_sleep_states_needs_its_device(make: Make, monkeypatch: pytest.MonkeyPatch):
     says(limits.sleep_states(make({})), "warning", "no /dev/cpu_dma_latency")
     root = make({"dev/cpu_dma_latency": ""})
     says(limits.sleep_states(root), "ok")
@@ -209,7 +209,7 @@ def test_sleep_states_need_their_device(make: Make, monkeypatch: pytest.MonkeyPa
     says(limits.sleep_states(root), "warning", "udev")
 
 
-def test_swap_in_use_is_reported_where_memory_is_not_locked(make: Make):
+def test_used_swap_is_reported_unless_memory_is_locked(make: Make):
     head = "Filename\tType\tSize\tUsed\tPriority"
     says(limits.swap(make({"proc/swaps": head}), False), "ok", "none")
     says(limits.swap(make({"proc/swaps": f"{head}\n/s file 9999 0 -2"}), False), "ok", "0 MiB")
@@ -224,7 +224,7 @@ def stat(name: str, flags: int, priority: int, policy: int) -> str:
     return f"1 ({name}) {' '.join(fields)}"
 
 
-def test_programs_of_a_higher_priority_are_reported(make: Make):
+def test_programs_of_higher_priority_are_reported(make: Make):
     root = make(
         {
             "proc/101/stat": stat("migration/0", 0x00200000, 99, 1),
@@ -238,7 +238,7 @@ def test_programs_of_a_higher_priority_are_reported(make: Make):
     says(limits.rivals(root), "warning", "greedy (105) at 90", "chrt")
 
 
-def test_the_receive_buffer_needs_a_right_or_a_setting(make: Make):
+def test_a_small_receive_buffer_needs_a_capability_or_a_kernel_setting(make: Make):
     name = "proc/sys/net/core/rmem_max"
     root = make({name: "212992", STATUS: "CapEff:\t0000000000000000"})
     says(limits.receive_buffer(root), "warning", "208 KiB", "net.core.rmem_max=8388608")
@@ -248,7 +248,7 @@ def test_the_receive_buffer_needs_a_right_or_a_setting(make: Make):
     says(limits.receive_buffer(root), "ok")
 
 
-def test_a_machine_that_tells_nothing_is_survived(tmp_path: Path):
+def test_checks_survive_a_machine_without_any_system_files(tmp_path: Path):
     for check in (
         machine.kernel(tmp_path), machine.cpus(tmp_path, {0, 1}),
         machine.isolated(tmp_path, {0, 1}, None), machine.quota(tmp_path),
@@ -271,7 +271,7 @@ def test_missing_packages_make_real_time_impossible():
     says(software.versions(without_numba), "problem", "missing: numba", "pip install numba")
 
 
-def test_a_model_that_is_not_compiled_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_without_compiled_code_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "not" / "there"
     says(software.model(True, True, folder), "ok", str(folder))
     says(software.model(True, False, folder), "warning", "first start", "liftgate-hil compile")
@@ -280,6 +280,6 @@ def test_a_model_that_is_not_compiled_is_reported(tmp_path: Path, monkeypatch: p
     says(software.model(True, False, folder), "warning", "XDG_CACHE_HOME")
 
 
-def test_lists_of_cpus_are_written_as_they_are_read():
+def test_lists_of_cpus_are_written_as_they_are_parsed():
     for text in ("", "0", "0-3", "0-1,3,5-6"):
         assert ranges(cpus_of(text)) == text

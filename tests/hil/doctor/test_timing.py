@@ -1,4 +1,4 @@
-"""What the doctor concludes from figures, and that it measures them as the loop would."""
+"""The doctor's conclusions from timing figures, and that its measurement is that of the loop."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def wakeups(
     ("p999_us", "rate"),
     [(60.0, 10_000), (90.0, 5_000), (400.0, 2_000), (900.0, 1_000), (4900.0, 200), (6000.0, 0)],
 )
-def test_the_rate_leaves_room_for_lateness_and_tick(p999_us: float, rate: int):
+def test_the_recommended_rate_leaves_room_for_lateness_and_tick(p999_us: float, rate: int):
     assert timing.recommended(wakeups(p999_us).lateness, CHEAP) == rate
 
 
-def test_a_dear_tick_lowers_the_rate_and_no_figures_give_none():
+def test_an_expensive_tick_lowers_the_rate_and_without_figures_none_is_recommended():
     assert timing.recommended(wakeups(60.0).lateness, CHEAP._replace(p99_us=200.0)) == 2_000
     assert timing.recommended(wakeups(60.0).lateness, None) == 10_000
     assert timing.recommended(NOTHING, CHEAP) == 0
 
 
-def test_the_verdict_names_the_rate_the_mode_and_the_force():
+def test_the_verdict_has_rate_scheduling_mode_and_added_pinch_force():
     # 50e-6 s * 0.20 m/s * 10000 N/m = 0.1 N
     check = timing.verdict(1000.0, {WITHOUT: wakeups(900.0), WITH: wakeups(60.0)}, CHEAP, 0)
     assert check.level == "ok"
@@ -56,13 +56,13 @@ def test_a_rate_above_the_recommended_one_is_a_warning():
     assert "--rate 1000 --no-realtime," in both.advice  # what a run requests by itself is not fit here
 
 
-def test_periods_missed_at_the_rate_asked_for_are_a_warning():
+def test_missed_periods_at_the_requested_rate_are_a_warning():
     check = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, missed=25)}, CHEAP, 0)
     assert check.level == "warning"
     assert "0.25 % of periods were missed at 1000 Hz" in check.found
 
 
-def test_a_machine_on_which_most_verdicts_need_a_second_look_is_reported():
+def test_a_machine_that_makes_many_verdicts_inconclusive_is_reported():
     often = wakeups(60.0, missed=30, periods=60_000, long=5)
     check = timing.verdict(1000.0, {WITHOUT: often}, CHEAP, 0)
     assert check.level == "warning"
@@ -93,21 +93,21 @@ def test_a_machine_on_which_most_verdicts_need_a_second_look_is_reported():
         ({WITHOUT: wakeups(60.0)}, 1, "except for the problems above"),
     ],
 )
-def test_what_makes_real_time_impossible_is_a_problem(modes: dict[str, Wakeups], problems: int, said: str):
+def test_conditions_that_prevent_real_time_are_a_problem(modes: dict[str, Wakeups], problems: int, said: str):
     check = timing.verdict(1000.0, modes, CHEAP, problems)
     assert check.level == "problem"
     assert said in check.found
     assert check.advice
 
 
-def test_missed_periods_are_reported_with_what_helps():
+def test_missed_periods_are_reported_with_advice():
     assert timing.lateness("lateness", wakeups(50.0, 10), 1000.0, "pray").level == "ok"
     check = timing.lateness("lateness", wakeups(50.0, 11), 1000.0, "pray")
     assert (check.level, check.advice) == ("warning", "pray")
     assert "11 of 10000 periods missed" in check.found
 
 
-def test_what_was_refused_is_reported_in_full_only_where_it_was_asked_for():
+def test_refused_privileges_are_reported_in_full_only_where_requested():
     refused = ["FIFO scheduling: no; to get it: ulimit", "CPU 9: none; allowed: 0, 1"]
     asked = timing.given(refused, asked=True)
     assert (asked.level, asked.advice) == ("warning", "ulimit; allowed: 0, 1")
@@ -116,13 +116,13 @@ def test_what_was_refused_is_reported_in_full_only_where_it_was_asked_for():
     assert timing.given([], asked=True).level == "ok"
 
 
-def test_a_ticks_share_of_the_period():
+def test_the_tick_is_reported_as_a_share_of_the_period():
     assert "not measured" in timing.tick_cost(None, 1000.0).found
     assert ": 0.5 % of a period" in timing.tick_cost(CHEAP, 1000.0).found
     assert timing.tick_cost(CHEAP._replace(p99_us=90.0), 10_000.0).level == "warning"
 
 
-def test_stolen_time_is_the_worst_cpus(tmp_path):
+def test_stolen_time_is_reported_for_the_worst_cpu(tmp_path):
     (tmp_path / "proc").mkdir()
     stat = tmp_path / "proc/stat"
     looks = []
@@ -142,13 +142,13 @@ def test_stolen_time_is_the_worst_cpus(tmp_path):
     assert timing.stolen({}).level == "ok"
 
 
-def test_every_period_is_either_measured_or_missed():
+def test_every_period_counts_as_either_measured_or_missed():
     lateness, missed, long = measure_wakeups(1_000_000, 50)
     assert lateness.count + missed == 50
     assert 5 * long <= missed
 
 
-def test_periods_that_are_too_short_are_skipped_and_counted():
+def test_too_short_periods_are_skipped_and_counted_as_missed():
     histogram = np.zeros(BINS, dtype=np.int64)
     stop, room = np.zeros(1, dtype=np.int64), make_room()
     missed, long = note_wakeups(10, 100_000, 20, histogram, stop, room)
@@ -163,7 +163,7 @@ def test_a_measurement_ends_on_request():
     assert histogram.sum() == 0
 
 
-def test_a_failure_in_the_thread_is_raised_here():
+def test_an_exception_in_the_thread_is_raised_in_the_caller():
     ended = []
 
     def fail() -> None:

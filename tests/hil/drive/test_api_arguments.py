@@ -1,4 +1,4 @@
-"""Gate and run take what can be meant, and tell what is allowed where it cannot."""
+"""Arguments of `Gate` and `run`: accepted values, and messages with what is allowed otherwise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 
 def odd(**fields: Any) -> can.Message:
-    """A message with fields that python-can would not take."""
+    """Return a CAN message with fields that python-can would refuse."""
     message = can.Message()
     for name, value in fields.items():
         setattr(message, name, value)
@@ -59,13 +59,13 @@ BOTH = [
 
 @pytest.mark.parametrize(("arguments", "message"), BOTH)
 @pytest.mark.parametrize("entry", ["gate", "run"])
-def test_both_tell_what_is_allowed(entry: str, arguments: dict[str, Any], message: str) -> None:
+def test_wrong_arguments_of_gate_and_run_are_refused(entry: str, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.Gate(**arguments) if entry == "gate" else lh.run(SHORT, **arguments)
 
 
 @pytest.mark.parametrize("entry", ["gate", "run"])
-def test_settings_are_not_lost_on_a_vehicle_that_there_is_already(entry: str) -> None:
+def test_settings_beside_a_loaded_vehicle_are_refused(entry: str) -> None:
     with lh.Gate() as gate:
         rig = gate.rig
     vehicle = lh.load_vehicle("suv")
@@ -100,7 +100,7 @@ def test_settings_are_not_lost_on_a_vehicle_that_there_is_already(entry: str) ->
         ({"record": ["x.csv", "x.csv"]}, "`record` x.csv, x.csv: allowed: each file once"),
     ],
 )  # fmt: skip
-def test_run_tells_what_is_allowed(
+def test_wrong_arguments_of_run_alone_are_refused(
     arguments: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -109,7 +109,7 @@ def test_run_tells_what_is_allowed(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_same_is_reported_before_a_librarys_process_is_started(
+def test_invalid_arguments_are_refused_before_a_library_process_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.run_isolated", lambda *_: pytest.fail("started"))
@@ -169,7 +169,7 @@ def test_the_same_is_reported_before_a_librarys_process_is_started(
         (lambda gate: gate.step(float("inf")), "`seconds` inf: allowed: above 0"),
     ],
 )  # fmt: skip
-def test_a_gate_tells_what_is_allowed_and_goes_on(call: Any, message: str) -> None:
+def test_a_gate_continues_after_a_refused_call(call: Any, message: str) -> None:
     with lh.Gate() as gate:
         gate.command(**OPENING)
         with pytest.raises(ConfigError, match=message):
@@ -182,7 +182,7 @@ def test_a_gate_tells_what_is_allowed_and_goes_on(call: Any, message: str) -> No
 # Right ones.
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numpy_numbers_are_accepted() -> None:
     with lh.Gate(initial=np.float64(40.0), seed=np.int64(3), rate=np.int32(500)) as gate:
         gate.command(left_duty=np.int64(-20), latch_release=np.bool_(False), direction="close")
         gate.set(road_slope_deg=np.float32(8.0))
@@ -194,7 +194,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
     assert result.verdict == "pass"
 
 
-def test_one_recording_needs_no_list(tmp_path: Path) -> None:
+def test_a_single_recording_needs_no_list(tmp_path: Path) -> None:
     for path in (tmp_path / "x.csv", str(tmp_path / "x.log")):
         result = lh.run(SHORT, record=path)
         assert result.recording == (Path(path),)
@@ -202,7 +202,7 @@ def test_one_recording_needs_no_list(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-def test_a_measurement_file_is_written_too(tmp_path: Path) -> None:
+def test_run_writes_an_mf4_recording(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     path = tmp_path / "x.mf4"
     assert lh.run(SHORT, record=path).verdict == "pass"
@@ -222,7 +222,7 @@ def test_a_measurement_file_is_written_too(tmp_path: Path) -> None:
         lambda gate: gate.clear_obstacle(),
     ],
 )
-def test_a_closed_gate_does_nothing_more_and_says_so(call: Any) -> None:
+def test_calls_of_a_closed_gate_are_refused(call: Any) -> None:
     with lh.Gate() as gate:
         gate.step(0.01)
     with pytest.raises(LiftgateError, match="this gate is closed"):
@@ -240,7 +240,7 @@ def test_a_gate_may_be_closed_twice() -> None:
             other.step(0.01)
 
 
-def test_any_number_of_things_may_be_set_between_two_steps() -> None:
+def test_any_number_of_quantities_may_be_set_between_two_steps() -> None:
     with lh.Gate() as gate:
         for number in range(1000):
             gate.set(hand_force_n=number * 0.1, road_slope_deg=0.01 * number)
@@ -261,7 +261,7 @@ def test_any_number_of_frames_may_be_sent_between_two_steps() -> None:
         assert gate.summary.received == NO_COUNTS._replace(foreign=3000)
 
 
-def test_a_frame_that_is_sent_is_read_in_the_next_tick_beside_the_commands() -> None:
+def test_a_frame_given_to_send_is_received_in_the_next_tick_beside_the_commands() -> None:
     identifier, payload = panel_frame(shipped_rig(), HandForce=20.0)
     with lh.Gate() as gate:
         gate.command(**OPENING)
@@ -273,7 +273,7 @@ def test_a_frame_that_is_sent_is_read_in_the_next_tick_beside_the_commands() -> 
         assert gate.summary.received == NO_COUNTS._replace(accepted=11)
 
 
-def test_what_was_put_by_hand_covers_the_panels_rod_until_it_is_taken_away() -> None:
+def test_an_obstacle_set_by_the_api_overrides_the_panels_rod_until_it_is_cleared() -> None:
     identifier, payload = panel_frame(shipped_rig(), ObstacleAngle=38.0, ObstacleRate=10.0)
     with lh.Gate(initial=40.0) as gate:
         gate.send(can.Message(arbitration_id=identifier, data=payload, is_extended_id=False))
@@ -317,7 +317,7 @@ def signed_rig(tmp_path: Path) -> Path:
         (60, None, 0.6), (-60, None, -0.6), (60, "brake", 0.0),
     ],
 )  # fmt: skip
-def test_a_duty_with_a_sign_follows_the_direction_where_that_is_named(
+def test_a_signed_duty_takes_its_sign_from_a_named_direction(
     signed_rig: Path, duty: float, direction: str | None, expected: float
 ) -> None:
     named = {} if direction is None else {"direction": direction}
@@ -329,7 +329,7 @@ def test_a_duty_with_a_sign_follows_the_direction_where_that_is_named(
         assert gate.truth["left_coast"] == 0.0
 
 
-def test_a_rig_that_cannot_say_coast_tells_it(signed_rig: Path) -> None:
+def test_a_direction_that_the_rig_lacks_is_refused(signed_rig: Path) -> None:
     with (
         lh.Gate(rig=signed_rig) as gate,
         pytest.raises(ConfigError, match="coast: it has no signal in this rig; allowed: open, close"),
@@ -337,7 +337,7 @@ def test_a_rig_that_cannot_say_coast_tells_it(signed_rig: Path) -> None:
         gate.command(left_duty=0, direction="coast")
 
 
-def test_all_errors_of_the_api_are_of_one_kind() -> None:
+def test_all_errors_of_the_api_have_one_base_class() -> None:
     assert issubclass(lh.errors.ConfigError, LiftgateError)
     with pytest.raises(lh.errors.LiftgateError):
         lh.run(SHORT, ScriptedEcu)

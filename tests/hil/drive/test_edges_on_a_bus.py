@@ -1,4 +1,4 @@
-"""The ring of Hall edges on the bus: an ECU knows each edge's time to the microsecond from its frames alone."""
+"""The ring of Hall edges on the bus: frames alone give each edge's time to the microsecond."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LONGEST = 8191e-6  # s
 
 
 def captured(frames: Sequence[can.Message], message: Any) -> list[float]:
-    """The edges' times, as an ECU takes them from a drive's frames."""
+    """Return the edges' times as an ECU computes them from a drive's frames."""
     times: list[float] = []
     number = 0
     for frame in frames:
@@ -33,7 +33,7 @@ def captured(frames: Sequence[can.Message], message: Any) -> list[float]:
 
 
 @pytest.mark.parametrize(("drive", "identifier"), [("left", LEFT_EDGES), ("right", RIGHT_EDGES)])
-def test_every_edge_of_a_run_is_on_the_bus_with_its_time(drive: str, identifier: int) -> None:
+def test_every_hall_edge_of_a_run_is_on_the_bus_with_its_time(drive: str, identifier: int) -> None:
     messages = shipped_rig().messages
     (message,) = [each for each in messages.values() if each.frame_id == identifier]
     frames, edges = [], []
@@ -49,7 +49,7 @@ def test_every_edge_of_a_run_is_on_the_bus_with_its_time(drive: str, identifier:
     assert found == pytest.approx(edges, abs=0.51e-6)
 
 
-def test_ages_stay_at_their_largest_value() -> None:
+def test_ages_of_edges_saturate_at_their_largest_value() -> None:
     message = shipped_rig().messages["LeftEdges"]
     with lh.Gate() as gate:
         last = [each for each in gate.step(0.1) if each.arbitration_id == LEFT_EDGES][-1]
@@ -58,8 +58,8 @@ def test_ages_stay_at_their_largest_value() -> None:
     assert [1e-6 * said[name] for name in _AGES] == pytest.approx([_LONGEST] * 4)
 
 
-def test_a_latch_as_built_is_opened_and_cinched_over_the_bus() -> None:
-    """Commanded cinching, its switches, handle and button: all that the bus has of them."""
+def test_a_cinching_latch_can_be_opened_and_cinched_over_the_bus() -> None:
+    """With cinching commands, the latch switches, handle and button as bus signals."""
     messages = [shipped_rig().messages[name] for name in ("Gate", "Switches")]
 
     def told(frames: Sequence[can.Message]) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def test_a_latch_as_built_is_opened_and_cinched_over_the_bus() -> None:
         assert (said["Handle"], said["Button"]) == (0, 1)
 
 
-def test_a_pinch_strip_is_on_the_bus_while_something_presses_it() -> None:
+def test_a_pressed_pinch_strip_is_reported_on_the_bus() -> None:
     message = shipped_rig().messages["Switches"]
     settings = ("sensors.strip_force=15",)
     with lh.Gate(initial=40.0, settings=settings) as gate:

@@ -1,4 +1,4 @@
-"""Each kind of fault: what it does to what is so and to what is sensed, and what it leaves alone.
+"""Effects of each kind of fault on true and sensed quantities, and quantities that it must not change.
 
 Two gates get the same commands with the same seed; one of them has the fault. What a fault must not touch is the
 same to the bit.
@@ -36,7 +36,7 @@ HALL = {
 
 
 def opening(duty: float = 60.0, initial: Any = 30, **more: Any) -> lh.Gate:
-    """A gate that has been opening for half a second."""
+    """Return a gate that has been opening for half a second."""
     gate = lh.Gate(initial=initial, seed=3, **more)
     if duty:
         gate.command(left_duty=duty, right_duty=duty, direction="open", latch_release=True)
@@ -46,14 +46,14 @@ def opening(duty: float = 60.0, initial: Any = 30, **more: Any) -> lh.Gate:
 
 @functools.cache
 def sound_after(seconds: float) -> lh.Gate:
-    """A gate without a fault, so long after one would have begun. Its tests only read it."""
+    """Return a gate without a fault, run as long as one in `pair`; shared between tests, which only read it."""
     gate = opening()
     gate.step(seconds)
     return gate
 
 
 def pair(kind: str, seconds: float, where: str | None = "left", **values: Any) -> tuple[lh.Gate, lh.Gate]:
-    """A sound gate and one with a fault, so long after it began."""
+    """Return a gate without a fault and one with it, some seconds after it began."""
     broken = opening()
     broken.fault(kind, where=where, **values)
     broken.step(seconds)
@@ -81,7 +81,7 @@ SENSORS: list[tuple[str, dict[str, Any], set[str], set[str]]] = [
 
 
 @pytest.mark.parametrize(("kind", "values", "must", "may"), SENSORS, ids=[each[0] for each in SENSORS])
-def test_a_faulty_sensor_changes_what_it_measures_and_nothing_that_is_so(
+def test_a_sensor_fault_changes_its_reading_and_no_true_quantity(
     kind: str, values: dict[str, Any], must: set[str], may: set[str]
 ) -> None:
     where = "left" if FAULT_KINDS[kind].of == DRIVE else None
@@ -104,7 +104,7 @@ def test_a_stuck_hall_sensor_keeps_the_count_between_two_values() -> None:
     assert all(edge.channel == "b" for edge in edges)
 
 
-def test_edges_are_missed_with_their_probability_each() -> None:
+def test_each_hall_edge_is_missed_with_the_given_probability() -> None:
     sound, broken = (opening(initial=5) for _ in range(2))
     begin = broken.sensed["left_edge_count"]
     broken.fault("hall_missing", where="left", probability=0.25, seed=5)
@@ -119,7 +119,7 @@ def test_edges_are_missed_with_their_probability_each() -> None:
     assert changed(sound.truth, broken.truth) == set()
 
 
-def test_no_edge_is_seen_where_all_are_missing_and_none_missed_where_none_is() -> None:
+def test_a_probability_of_1_misses_all_hall_edges_and_one_of_0_misses_none() -> None:
     sound, broken = pair("hall_missing", 0.5, probability=1.0)
     assert not broken.edges("left")
     assert len(broken.edges("right")) == len(sound.edges("right")) > 20
@@ -127,7 +127,7 @@ def test_no_edge_is_seen_where_all_are_missing_and_none_missed_where_none_is() -
     assert broken.sensed == sound.sensed
 
 
-def test_extra_edges_come_at_their_rate_even_at_rest() -> None:
+def test_extra_hall_edges_come_at_their_rate_even_at_rest() -> None:
     gate = opening(duty=0.0, initial="closed")
     gate.fault("hall_extra", where="left", rate=50.0)
     gate.step(4.0)
@@ -136,7 +136,7 @@ def test_extra_edges_come_at_their_rate_even_at_rest() -> None:
     assert {edge.channel for edge in gate.edges("left")} == {"a", "b"}
 
 
-def test_a_swapped_pair_counts_backwards() -> None:
+def test_swapped_hall_sensors_count_backwards() -> None:
     sound, broken = pair("hall_swapped", 0.5)
     before = opening().sensed["left_hall_count"]
     forth = sound.sensed["left_hall_count"] - before
@@ -145,7 +145,7 @@ def test_a_swapped_pair_counts_backwards() -> None:
     assert broken.sensed["left_period_speed_rps"] == pytest.approx(-sound.sensed["left_period_speed_rps"])
 
 
-def test_random_faults_are_the_same_with_the_same_seeds_and_others_with_another() -> None:
+def test_random_faults_are_reproducible_by_their_seed() -> None:
     def counts(seed: int) -> list[float]:
         gate, found = opening(), []
         gate.fault("hall_missing", where="both", probability=0.3, seed=seed)
@@ -157,7 +157,7 @@ def test_random_faults_are_the_same_with_the_same_seeds_and_others_with_another(
     assert counts(1) == counts(1) != counts(2)
 
 
-def test_the_current_is_read_with_gain_and_offset_within_the_converters_range() -> None:
+def test_gain_and_offset_faults_of_a_current_stay_in_the_converters_range() -> None:
     sound, broken = pair("current_gain", 0.3, factor=-3.0)
     assert broken.sensed["left_current_a"] == pytest.approx(-3 * sound.sensed["left_current_a"], abs=0.4)
     _, broken = pair("current_offset", 0.1, value=1000.0)
@@ -165,7 +165,7 @@ def test_the_current_is_read_with_gain_and_offset_within_the_converters_range() 
     assert broken.sensed["left_current_a"] == limit
 
 
-def test_several_faults_of_a_reading_change_it_one_after_the_other() -> None:
+def test_several_faults_of_a_current_reading_are_applied_in_order() -> None:
     def reading(*faults: tuple[str, dict[str, float]]) -> float:
         gate = opening(settings=("sensors.current_noise=0", "sensors.current_resolution=0"))
         for kind, values in faults:
@@ -185,7 +185,7 @@ def test_several_faults_of_a_reading_change_it_one_after_the_other() -> None:
         assert reading(*order) == before.sensed["left_current_a"]  # of the converter, behind them
 
 
-def test_a_frozen_reading_is_the_last_one() -> None:
+def test_a_frozen_reading_keeps_its_last_value() -> None:
     for kind, column in (("current_frozen", "left_current_a"), ("angle_frozen", "gate_angle_deg")):
         gate = opening()
         last = gate.sensed[column]
@@ -198,7 +198,7 @@ def test_a_frozen_reading_is_the_last_one() -> None:
         assert gate.sensed[column] != last
 
 
-def test_an_open_motor_line_carries_no_current_from_that_tick_on_and_the_other_drive_the_gate() -> None:
+def test_an_open_motor_line_stops_the_current_at_once_and_the_other_drive_moves_the_gate() -> None:
     gate = opening()
     assert gate.truth["left_current_a"] > 0.2
     gate.fault("motor_open", where="left")
@@ -216,7 +216,7 @@ def test_an_open_motor_line_carries_no_current_from_that_tick_on_and_the_other_d
     assert broken.truth["left_voltage_v"] == pytest.approx(emf, rel=0.03)  # cold and warm magnets
 
 
-def test_joined_terminals_brake_the_motor_and_the_shunt_reads_the_converters_limit() -> None:
+def test_shorted_motor_terminals_brake_and_saturate_the_current_reading() -> None:
     limit = lh.load_vehicle("suv").sensors.current_limit
     sound, broken = pair("motor_short", 0.3)
     assert broken.truth["left_voltage_v"] == 0.0
@@ -230,7 +230,7 @@ def test_joined_terminals_brake_the_motor_and_the_shunt_reads_the_converters_lim
     assert broken.truth["left_current_a"] < -0.1  # it brakes even so
 
 
-def test_without_the_supply_nothing_drives_and_brakes_still_brake() -> None:
+def test_an_open_supply_stops_all_driving_but_not_braking() -> None:
     _, broken = pair("supply_open", 0.3, None)
     for name in ("left_current_a", "right_current_a", "terminal_voltage_v"):
         assert broken.truth[name] == 0.0
@@ -244,7 +244,7 @@ def test_without_the_supply_nothing_drives_and_brakes_still_brake() -> None:
     assert broken.truth["left_current_a"] == 0.0
 
 
-def test_a_stuck_bridge_does_not_obey() -> None:
+def test_a_stuck_bridge_ignores_commands() -> None:
     states = {"open": (1.0, 0.0), "close": (-1.0, 0.0), "brake": (0.0, 0.0), "coast": (0.0, 1.0)}
     for state, (duty, coast) in states.items():
         _, broken = pair("bridge_stuck", 0.1, state=state)
@@ -252,7 +252,7 @@ def test_a_stuck_bridge_does_not_obey() -> None:
         assert (broken.truth["right_duty"], broken.truth["right_coast"]) == (0.6, 0.0)
 
 
-def test_a_contact_resistance_takes_its_share_of_the_voltage() -> None:
+def test_a_contact_resistance_reduces_the_motor_voltage() -> None:
     sound, broken = pair("contact_resistance", 1.0, ohm=3.0)
     assert 0.0 < broken.truth["left_current_a"] < sound.truth["left_current_a"]
     drop = 0.6 * broken.truth["terminal_voltage_v"] - broken.truth["left_voltage_v"]
@@ -268,7 +268,7 @@ def test_a_contact_resistance_takes_its_share_of_the_voltage() -> None:
     assert stalled[3.0] / stalled[0.0] == pytest.approx(ratio, rel=0.1)  # source, heat
 
 
-def test_a_lost_spring_shows_in_current_speed_hall_rate_and_motion_alike() -> None:
+def test_a_lost_spring_changes_current_speed_hall_rate_and_motion() -> None:
     sound, broken = pair("spring_lost", 1.0, "both")
     assert broken.truth["left_current_a"] > sound.truth["left_current_a"] + 1.0
     assert broken.sensed["left_current_a"] > sound.sensed["left_current_a"] + 1.0
@@ -282,7 +282,7 @@ def test_a_lost_spring_shows_in_current_speed_hall_rate_and_motion_alike() -> No
     assert sound.truth["left_current_a"] < half < broken.truth["left_current_a"]
 
 
-def test_a_disconnected_drive_turns_alone_and_takes_hold_again_where_it_is() -> None:
+def test_a_disconnected_drive_turns_freely_and_reengages_at_its_position() -> None:
     gate = opening()
     fault = gate.fault("drive_disconnected", where="left")
     gate.step(0.5)
@@ -309,7 +309,7 @@ def test_a_jammed_spindle_stands_still_and_stalls_its_motor() -> None:
     assert abs(broken.truth["gate_rate_degps"]) < 1.0
 
 
-def test_friction_takes_current_and_leaves_the_other_motor_its_own() -> None:
+def test_a_friction_fault_raises_the_current() -> None:
     sound, broken = pair("friction", 1.0, factor=3.0)
     assert broken.truth["left_current_a"] > sound.truth["left_current_a"] + 0.3
     _, same = pair("friction", 1.0, factor=1.0)
@@ -334,7 +334,7 @@ def test_a_latch_that_does_not_release_holds_the_gate() -> None:
     [("gate.mass", 40.0), ("left.motor.resistance", 0.9), ("spring.gas_force", 500.0),
      ("environment.road_slope_deg", 5.0), ("supply.internal_resistance", 0.2), ("sensors.current_gain", 1.1)],
 )  # fmt: skip
-def test_any_parameter_may_change_while_the_gate_runs(key: str, value: float) -> None:
+def test_any_vehicle_parameter_may_change_while_the_gate_runs(key: str, value: float) -> None:
     gate = lh.Gate(initial=30, seed=3, ideal=True)
     gate.fault("parameter", key=key, value=value)
     other = lh.Gate(initial=30, seed=3, ideal=True, settings=[f"{key}={value}"])
@@ -347,7 +347,7 @@ def test_any_parameter_may_change_while_the_gate_runs(key: str, value: float) ->
         assert gate.sensed[name] == pytest.approx(number, rel=1e-9, abs=1e-9)
 
 
-def test_what_is_mended_is_as_it_was() -> None:
+def test_a_gate_whose_faults_were_all_cleared_behaves_like_one_without() -> None:
     sound, broken = opening(), opening()
     for kind, own in FAULT_KINDS.items():
         if own.of not in (DRIVE, GATE):
@@ -379,7 +379,7 @@ def test_several_faults_act_together_and_are_cleared_one_by_one() -> None:
     stuck.clear()
 
 
-def test_the_frames_say_what_is_sensed() -> None:
+def test_frames_have_the_sensed_values_under_faults() -> None:
     gate = opening()
     gate.fault("hall_swapped", where="left")
     gate.fault("current_frozen", where="right")
@@ -413,18 +413,18 @@ def test_the_frames_say_what_is_sensed() -> None:
         ({"kind": "parameter", "key": "coding.closing_speed", "value": 0.5}, "affects the running gate"),
     ],
 )  # fmt: skip
-def test_what_is_no_fault_is_reported(arguments: dict[str, Any], said: str) -> None:
+def test_an_invalid_fault_is_refused(arguments: dict[str, Any], said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault(**arguments)
     assert said in str(caught.value)
 
 
-def test_a_gate_with_one_drive_has_no_right_one() -> None:
+def test_a_fault_of_the_right_drive_of_a_single_drive_gate_is_refused() -> None:
     with lh.Gate(vehicle="compact") as gate, pytest.raises(ConfigError, match="one drive"):
         gate.fault("motor_open", where="right")
 
 
-def test_of_two_values_of_one_key_the_last_counts_and_of_two_keys_each() -> None:
+def test_the_last_of_two_faults_of_one_parameter_holds_and_both_of_two_parameters() -> None:
     def force(*faults: tuple[str, float]) -> float:
         with lh.Gate(initial=30, seed=3, ideal=True) as gate:
             for key, value in faults:
@@ -441,7 +441,7 @@ def test_of_two_values_of_one_key_the_last_counts_and_of_two_keys_each() -> None
 
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("state", ["open", "close"])
-def test_a_jammed_spindle_beside_a_coasting_motor_is_calm(side: str, state: str) -> None:
+def test_a_jammed_spindle_beside_a_coasting_motor_does_not_oscillate(side: str, state: str) -> None:
     gate = lh.Gate(initial=45)
     gate.step(0.1)
     gate.fault("spindle_jammed", side)
@@ -455,7 +455,7 @@ def test_a_jammed_spindle_beside_a_coasting_motor_is_calm(side: str, state: str)
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
-def test_any_number_of_extra_edges_has_times_of_its_own(rate: float) -> None:
+def test_extra_hall_edges_at_any_rate_have_distinct_times(rate: float) -> None:
     gate = lh.Gate(initial=40, rate=rate)
     gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
     gate.fault("hall_extra", "left", rate=20_000.0)
@@ -475,7 +475,7 @@ def test_any_number_of_extra_edges_has_times_of_its_own(rate: float) -> None:
         ("sensors.hall_counts", 40.0, "the decoders already count with it"),
     ],
 )
-def test_a_parameter_is_refused_where_a_vehicle_file_with_it_is(key: str, value: float, said: str) -> None:
+def test_a_parameter_value_that_a_vehicle_file_may_not_have_is_refused(key: str, value: float, said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault("parameter", key=key, value=value)
     assert said in str(caught.value)
@@ -486,7 +486,7 @@ WEAK = [("motor.torque_constant", 0.0122 * 0.8), ("motor.speed_constant", 0.0769
 
 
 def losing(folder: Path, *tables: str) -> int:
-    """The exit code of a simulation with these faults, each with more keys; its rows are in out.csv."""
+    """Return the exit code of a simulation with the faults of WEAK, each with more keys; rows are in out.csv."""
     faults = [
         f'[[fault]]\nkind = "parameter"\nkey = "{key}"\nvalue = {value}\n{more}\n'
         for (key, value), more in zip(WEAK, tables, strict=True)
@@ -507,9 +507,7 @@ def losing(folder: Path, *tables: str) -> int:
         ("start = 0.2\nend = 3.0", "start = 0.5\nend = 1.0"),
     ],
 )
-def test_a_motor_loses_its_flux_where_both_constants_do_so_together(
-    tmp_path: Path, tables: tuple[str, str]
-) -> None:
+def test_both_motor_constants_may_weaken_together(tmp_path: Path, tables: tuple[str, str]) -> None:
     assert losing(tmp_path, *tables) == 0
     rows = np.genfromtxt(tmp_path / "out.csv", delimiter=",", names=True)
     assert rows["left_speed_rps"][-1] > 165.0  # of 153 with all of its flux
@@ -523,7 +521,7 @@ def test_a_motor_loses_its_flux_where_both_constants_do_so_together(
         ("start = 0.5\nramp_s = 0.3", "start = 0.5\nramp_s = 0.2"),
     ],
 )
-def test_a_motor_that_keeps_its_torque_for_a_while_is_refused(
+def test_a_torque_constant_that_weakens_later_than_the_speed_constant_is_refused(
     tmp_path: Path, tables: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert losing(tmp_path, *tables) == 2
@@ -532,7 +530,7 @@ def test_a_motor_that_keeps_its_torque_for_a_while_is_refused(
     assert "makes energy" in said
 
 
-def test_faults_of_a_running_gate_are_checked_beside_those_that_it_has() -> None:
+def test_a_new_fault_is_checked_together_with_the_existing_ones() -> None:
     with lh.Gate() as gate:
         with pytest.raises(ConfigError, match="makes energy"):
             gate.fault("parameter", key=WEAK[1][0], value=WEAK[1][1])
@@ -544,14 +542,14 @@ def test_faults_of_a_running_gate_are_checked_beside_those_that_it_has() -> None
             gate.fault("parameter", key="motor.torque_constant", value=0.01232)
 
 
-def test_a_parameter_may_get_the_value_that_it_has_and_a_numpy_number() -> None:
+def test_a_parameter_fault_may_have_the_present_value_or_a_numpy_number() -> None:
     with lh.Gate() as gate:
         gate.fault("parameter", key="clutch.torque", value=0).clear()
         gate.fault("contact_resistance", ohm=np.float32(3.0), seed=np.int64(1)).clear()
 
 
-def test_a_fault_goes_on_while_others_come_and_go() -> None:
-    """Its ramp counts from its own start, whatever begins or ends meanwhile that acts on the same constants."""
+def test_a_ramped_fault_continues_while_others_begin_and_end() -> None:
+    """Its ramp counts from its own start, whatever other faults of the same constants begin or end."""
     with lh.Gate(initial=30) as gate:
         slow = gate.fault("parameter", key="gate.mass", value=40.0, ramp_s=1.0)
         gate.step(0.4)
@@ -584,7 +582,7 @@ def test_the_same_fault_twice_acts_twice_and_each_is_cleared_alone() -> None:
     assert offset(1.0, 1.0, cleared=2) == offset()
 
 
-def test_any_number_of_commands_may_come_before_a_step_and_32_faults() -> None:
+def test_up_to_32_faults_and_any_number_of_commands_may_precede_a_step() -> None:
     with lh.Gate(initial=30) as gate:
         for number in range(1000):
             gate.set(hand_force_n=0.01 * number)

@@ -1,4 +1,4 @@
-"""A gate stepped by hand: what is commanded, sent and set from Python reaches it, and what it does comes back."""
+"""A gate stepped from Python: effects of commands, frames and settings, and the returned values."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_command_is_sent_every_cycle_with_counter_and_checksum() -> None:
         assert gate.truth["left_duty"] == pytest.approx(0.6)
 
 
-def test_step_gives_the_frames_that_the_gate_sent_meanwhile() -> None:
+def test_step_returns_the_frames_sent_during_the_step() -> None:
     with lh.Gate() as gate:
         frames = gate.step(0.010)
         assert [frame.arbitration_id for frame in frames] == [
@@ -58,14 +58,14 @@ def test_step_gives_the_frames_that_the_gate_sent_meanwhile() -> None:
 
 
 @pytest.mark.parametrize(("seconds", "ticks"), [(0.0001, 1), (0.001, 1), (0.0014, 1), (0.0016, 2), (3.0, 3000)])
-def test_steps_are_whole_ticks_and_at_least_one(seconds: float, ticks: int) -> None:
+def test_a_step_is_rounded_to_whole_ticks_and_at_least_one(seconds: float, ticks: int) -> None:
     with lh.Gate() as gate:
         gate.step(seconds)
         assert gate.time == pytest.approx(ticks * 0.001)
         assert gate.truth["time_s"] == gate.time
 
 
-def test_a_silent_ecu_times_out_after_three_cycles_and_the_next_command_resumes() -> None:
+def test_the_gate_coasts_after_three_cycles_without_a_command_until_the_next_one() -> None:
     with lh.Gate() as gate:
         gate.command(**OPENING)
         gate.step(0.5)
@@ -80,7 +80,7 @@ def test_a_silent_ecu_times_out_after_three_cycles_and_the_next_command_resumes(
         assert gate.truth["left_coast"] == 0.0
 
 
-def test_steps_of_any_length_lead_to_the_same() -> None:
+def test_results_do_not_depend_on_the_length_of_steps() -> None:
     ends = []
     for step in (0.003, 0.1, 1.5):
         with lh.Gate(seed=3, settings=["sensors.current_noise=0.1"]) as gate:
@@ -105,7 +105,7 @@ def test_truth_and_sensed_have_the_columns_of_recordings() -> None:
         assert not any(name.startswith("right_") for name in (*gate.truth, *gate.sensed))
 
 
-def test_what_is_set_wins_over_the_panel_until_it_is_cleared() -> None:
+def test_set_quantities_override_the_panel_until_they_are_cleared() -> None:
     identifier, payload = panel_frame(shipped_rig(), SupplyVoltage=9.0, HandForce=20.0)
     assert identifier == BENCH_CONTROL
     with lh.Gate() as gate:
@@ -121,7 +121,7 @@ def test_what_is_set_wins_over_the_panel_until_it_is_cleared() -> None:
         assert gate.truth["road_slope_deg"] == pytest.approx(0.0)  # the panel's
 
 
-def test_an_obstacle_is_met_and_taken_away() -> None:
+def test_an_obstacle_exerts_a_force_until_it_is_cleared() -> None:
     with lh.Gate(initial=40.0) as gate:
         gate.obstacle(angle_deg=38, stiffness=10_000)
         gate.command(left_duty=60, right_duty=60, direction="close")
@@ -134,7 +134,7 @@ def test_an_obstacle_is_met_and_taken_away() -> None:
         assert gate.truth["pinch_force_n"] == 0.0
 
 
-def test_a_foreign_rig_is_commanded_by_quantity_too() -> None:
+def test_a_gate_with_a_foreign_rig_is_commanded_by_the_same_quantities() -> None:
     with lh.Gate(rig=FOREIGN) as gate:
         gate.command(left_duty=50, right_duty=50, direction="open", latch_release=True)
         gate.step(1.0)
@@ -142,7 +142,7 @@ def test_a_foreign_rig_is_commanded_by_quantity_too() -> None:
         assert gate.summary.received.accepted > 0
 
 
-def test_gates_in_other_threads_do_as_one_here() -> None:
+def test_gates_in_several_threads_give_the_same_results() -> None:
     angles: dict[int, float] = {}
 
     def open_one(number: int) -> None:
@@ -176,7 +176,7 @@ def test_gates_in_other_threads_do_as_one_here() -> None:
         (lambda gate: gate.step(float("nan")), "nan: allowed: above 0"),
     ],
 )
-def test_what_cannot_be_meant_is_reported_and_changes_nothing(call: Any, message: str) -> None:
+def test_invalid_calls_are_refused_without_an_effect(call: Any, message: str) -> None:
     with lh.Gate() as gate:
         with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
             call(gate)
@@ -196,12 +196,12 @@ def test_what_cannot_be_meant_is_reported_and_changes_nothing(call: Any, message
         ({"settings": ["motor.resistance=-1"]}, "motor.resistance"),
     ],
 )
-def test_a_gate_that_cannot_be_is_reported(arguments: dict[str, Any], message: str) -> None:
+def test_a_gate_with_invalid_arguments_is_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.Gate(**arguments)
 
 
-def test_a_peak_between_two_frames_of_bench_status_is_reported() -> None:
+def test_a_force_peak_between_two_frames_is_in_the_maximum_of_bench_status() -> None:
     with lh.Gate(initial=40.0) as gate:
         gate.command(left_duty=100, right_duty=100, direction="close")
         gate.step(0.5)
@@ -229,7 +229,7 @@ def test_a_peak_between_two_frames_of_bench_status_is_reported() -> None:
     assert gate.truth["pinch_impulse_ns"] == pytest.approx(sum(forces) * 1e-3, rel=2e-3)
 
 
-def test_the_edges_of_the_last_step_are_reported() -> None:
+def test_edges_returns_the_hall_edges_of_the_last_step() -> None:
     with lh.Gate(initial=30.0) as gate:
         gate.command(**OPENING)
         gate.step(1.0)

@@ -1,4 +1,4 @@
-"""Trouble codes of an ECU that is stepped by hand beside a gate: read and cleared in the caller's own loop."""
+"""Trouble codes read and cleared by a gate's methods, in the caller's own loop with an ECU."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TWO_CODES = ["100b59027f9a0162", "2109da018709"]
 
 
 class Answering:
-    """An ECU that answers each request with frames, and says nothing else."""
+    """An ECU that answers each diagnostic request with frames, and sends nothing else."""
 
     def __init__(self, **answers: str | list[str]) -> None:
         self.answers = {CLEAR: answers.get("clear", []), READ: answers.get("read", [])}
@@ -48,7 +48,7 @@ class Answering:
 
 
 def loop(gate: lh.Gate, ecu: Any, period: float = 0.010) -> Callable[[], None]:
-    """Once through the loop that anybody writes."""
+    """Return a function for one cycle of the loop that exchanges frames of a gate and an ECU."""
 
     def cycle() -> None:
         for message in ecu.step(gate.time, gate.step(period)):
@@ -58,7 +58,7 @@ def loop(gate: lh.Gate, ecu: Any, period: float = 0.010) -> Callable[[], None]:
 
 
 class Reference:
-    """The reference ECU in a caller's hands."""
+    """The reference ECU, stepped in the caller's loop."""
 
     def __init__(self, gate: lh.Gate, *requests: Request) -> None:
         self._wire = Wire()
@@ -74,7 +74,7 @@ class Reference:
         ]
 
 
-def test_the_reference_ecu_tells_what_it_stores_until_it_is_cleared() -> None:
+def test_trouble_codes_of_the_reference_ecu_are_read_until_they_are_cleared() -> None:
     with lh.Gate(initial=40.0) as gate:
         cycle = loop(gate, Reference(gate, Request(Instant(0.2), "open")), 0.005)
         while gate.time < 0.8:
@@ -93,7 +93,7 @@ def test_the_reference_ecu_tells_what_it_stores_until_it_is_cleared() -> None:
         assert gate.read_dtcs(cycle) == {}
 
 
-def test_codes_are_read_in_several_frames_with_their_status() -> None:
+def test_trouble_codes_in_several_frames_are_read_with_their_status() -> None:
     ecu = Answering(read=TWO_CODES)
     with lh.Gate() as gate:
         assert gate.read_dtcs(loop(gate, ecu)) == {"B1A01-62": 9, "U1A01-87": 9}
@@ -101,13 +101,13 @@ def test_codes_are_read_in_several_frames_with_their_status() -> None:
         assert gate.time == pytest.approx(0.030)
 
 
-def test_a_code_without_a_bit_of_the_mask_is_not_reported() -> None:
+def test_a_code_without_a_status_bit_of_the_mask_is_not_returned() -> None:
     with lh.Gate() as gate:
         assert gate.read_dtcs(loop(gate, Answering(read=["0759027f9a016250"]))) == {}
 
 
 @pytest.mark.parametrize("period", [0.001, 0.010, 0.4])
-def test_it_takes_a_loop_of_any_period(period: float) -> None:
+def test_a_request_works_at_any_period_of_the_loop(period: float) -> None:
     ecu = Answering(clear=["0154"], read=["0359027f"])
     with lh.Gate() as gate:
         cycle = loop(gate, ecu, period)
@@ -116,7 +116,7 @@ def test_it_takes_a_loop_of_any_period(period: float) -> None:
         assert [data[:10] for _, data in ecu.heard] == ["0414ffffff", "03190209cc"]
 
 
-def test_before_and_after_a_request_nobody_asks() -> None:
+def test_the_tester_sends_nothing_before_and_after_a_request() -> None:
     ecu = Answering(read=["0359027f"])
     with lh.Gate() as gate:
         cycle = loop(gate, ecu)
@@ -129,8 +129,8 @@ def test_before_and_after_a_request_nobody_asks() -> None:
         assert len(ecu.heard) == 1
 
 
-def test_what_a_cycle_changes_of_the_gate_does_not_disturb_the_request() -> None:
-    """Faults come and go in the plan that has the tester."""
+def test_faults_made_in_a_cycle_do_not_disturb_the_request() -> None:
+    """Faults change the same stimulus plan that has the tester."""
     ecu = Answering(read=TWO_CODES)
     with lh.Gate() as gate:
         step = loop(gate, ecu)
@@ -142,7 +142,7 @@ def test_what_a_cycle_changes_of_the_gate_does_not_disturb_the_request() -> None
         assert len(gate.read_dtcs(cycle)) == 2
 
 
-def test_a_refusal_is_an_error_with_its_code() -> None:
+def test_a_negative_response_raises_an_error_with_its_code() -> None:
     with lh.Gate() as gate:
         cycle = loop(gate, Answering(read=["037f1911"], clear=["037f1422"]))
         with pytest.raises(DiagnosticsError) as caught:
@@ -157,7 +157,7 @@ def test_a_refusal_is_an_error_with_its_code() -> None:
         assert isinstance(caught.value, LiftgateError)
 
 
-def test_a_refusal_without_a_known_code_is_one_too() -> None:
+def test_a_negative_response_with_an_unknown_code_raises_an_error() -> None:
     with lh.Gate() as gate:
         cycle = loop(gate, Answering(read=["037f1900"], clear=["037f1400"]))
         for asked in (gate.clear_dtcs, gate.read_dtcs):
@@ -166,7 +166,7 @@ def test_a_refusal_without_a_known_code_is_one_too() -> None:
             assert caught.value.nrc == 0
 
 
-def test_a_silent_ecu_is_an_error_after_the_rig_s_timeout() -> None:
+def test_a_missing_response_raises_an_error_after_the_rigs_timeout() -> None:
     ecu = Answering()
     with lh.Gate() as gate:
         cycle = loop(gate, ecu)
@@ -177,7 +177,7 @@ def test_a_silent_ecu_is_an_error_after_the_rig_s_timeout() -> None:
         assert gate.read_dtcs(cycle) == {}  # the next request is a new one
 
 
-def test_response_pending_is_waited_for() -> None:
+def test_response_pending_prolongs_the_wait() -> None:
     class Slow(Answering):
         def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
             found = super().step(now_s, frames)
@@ -191,7 +191,7 @@ def test_response_pending_is_waited_for() -> None:
         assert 4.0 < gate.time < 4.1
 
 
-def test_response_pending_without_an_end_is_an_error() -> None:
+def test_endless_response_pending_raises_an_error() -> None:
     class Pending(Answering):
         def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
             assert now_s < 65.0
@@ -213,7 +213,7 @@ def test_a_malformed_response_is_reported() -> None:
         gate.read_dtcs(loop(gate, Answering(read=["0659027f9a0162"])))
 
 
-def test_what_a_cycle_raises_comes_through_and_ends_the_request() -> None:
+def test_an_exception_in_a_cycle_propagates_and_ends_the_request() -> None:
     ecu = Answering(read=["0359027f"])
     with lh.Gate() as gate:
 
@@ -227,7 +227,7 @@ def test_what_a_cycle_raises_comes_through_and_ends_the_request() -> None:
         assert gate.read_dtcs(loop(gate, ecu)) == {}
 
 
-def test_a_cycle_that_does_not_step_the_gate_is_reported() -> None:
+def test_a_cycle_that_does_not_step_the_gate_is_refused() -> None:
     said = "`cycle`: the gate's time stood still; allowed: a function that calls its `step`"
     few = iter(range(3))
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
@@ -235,25 +235,25 @@ def test_a_cycle_that_does_not_step_the_gate_is_reported() -> None:
     assert caught.value.issues == [said]
 
 
-def test_what_is_no_function_is_reported() -> None:
+def test_a_cycle_that_is_no_function_is_refused() -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.read_dtcs(0.01)  # type: ignore[arg-type]
     assert caught.value.issues == ["`cycle` 0.01: allowed: a function without arguments"]
 
 
-def test_one_request_at_a_time() -> None:
+def test_a_second_request_during_the_first_one_is_refused() -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError, match="`clear_dtcs`: the tester waits for a response"):
         gate.read_dtcs(lambda: gate.clear_dtcs(lambda: gate.step(0.01)))
 
 
-def test_a_closed_gate_asks_nobody() -> None:
+def test_a_request_of_a_closed_gate_is_refused() -> None:
     with lh.Gate() as gate:
         pass
     with pytest.raises(ConfigError, match="this gate is closed"):
         gate.read_dtcs(lambda: None)
 
 
-def test_a_rig_without_diagnostics_is_reported(tmp_path: Path) -> None:
+def test_a_request_with_a_rig_without_diagnostics_is_refused(tmp_path: Path) -> None:
     ours = shipped_rig()
     text = Path(ours.source).read_text(encoding="utf-8").partition("[diagnostics]")
     rest = text[2][text[2].index("\n[") :]
@@ -265,7 +265,7 @@ def test_a_rig_without_diagnostics_is_reported(tmp_path: Path) -> None:
     assert caught.value.issues == [f"`read_dtcs`: the rig {path} {said}"]
 
 
-def test_a_missing_library_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_udsoncan_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     with (
         lh.Gate() as gate,

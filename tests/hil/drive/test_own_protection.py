@@ -1,4 +1,4 @@
-"""Makers' own checksums and counters in a run: commands, what the gate sends, the restbus, and faults of them."""
+"""Makers' own checksums and counters in a run: commands, the gate's frames, the restbus, and their faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IDS = [7 * number + 3 for number in range(16)]
 
 
 def rig_file(folder: Path, checksum: str = CHECKSUM, counter: str = COUNTER) -> Path:
-    """The shipped rig with another protection of whatever is protected."""
+    """Write the shipped rig with another checksum and counter for each protected message."""
     shipped = (data_root() / "configs/rigs/liftgate.toml").read_text()
     own = re.sub(r'(?m)^counter = "AliveCounter"', f"counter = {counter}", shipped)
     own = re.sub(r'(?m)^checksum = "Checksum"', f"checksum = {checksum}", own)
@@ -43,7 +43,7 @@ def crc(data: bytes, polynomial: int = 0x2F, start: int = 0xFF) -> int:
 
 
 def right(identifier: int, payload: bytes) -> int:
-    """The checksum of CHECKSUM, in the last byte."""
+    """Return the checksum by CHECKSUM of a payload whose last byte is the checksum."""
     covered = bytes([0x1A, identifier >> 8, identifier & 0xFF]) + payload[:7]
     return int(f"{crc(covered):08b}"[::-1], 2) ^ 0x5A
 
@@ -64,7 +64,7 @@ def opening(rig: Path, **more: Any) -> lh.Gate:
     return gate
 
 
-def test_gate_and_command_speak_by_the_rig_s_own_protection(tmp_path: Path) -> None:
+def test_gate_and_commands_use_the_protection_of_the_rig(tmp_path: Path) -> None:
     gate = opening(rig_file(tmp_path))
     frames = of(gate.step(0.5), LEFT)
     assert gate.truth["gate_angle_deg"] > 31  # the command was understood
@@ -72,7 +72,7 @@ def test_gate_and_command_speak_by_the_rig_s_own_protection(tmp_path: Path) -> N
     assert all(each[7] == right(LEFT, each) for each in frames)
 
 
-def test_a_command_by_another_checksum_moves_nothing(tmp_path: Path) -> None:
+def test_a_command_with_another_checksum_has_no_effect(tmp_path: Path) -> None:
     gate = lh.Gate(initial=30, seed=3, rig=rig_file(tmp_path))
     message = shipped_rig().messages["DriveCommand"]
     for number in range(20):
@@ -85,7 +85,7 @@ def test_a_command_by_another_checksum_moves_nothing(tmp_path: Path) -> None:
         assert (gate.truth["left_current_a"] != 0.0) == (number < 12)  # stale after three cycles
 
 
-def test_a_wrong_checksum_and_a_counter_that_stands_still_are_made_of_own_ones(tmp_path: Path) -> None:
+def test_faults_make_wrong_checksums_and_frozen_counters_of_a_makers_own_kind(tmp_path: Path) -> None:
     gate = opening(rig_file(tmp_path))
     gate.step(0.1)
     fault = gate.fault("wrong_checksum", where="LeftDrive", direction="sent")
@@ -98,7 +98,7 @@ def test_a_wrong_checksum_and_a_counter_that_stands_still_are_made_of_own_ones(t
 
 
 @pytest.mark.parametrize("kind", ["wrong_checksum", "wrong_counter"])
-def test_a_command_with_a_wrong_protection_is_refused(tmp_path: Path, kind: str) -> None:
+def test_a_command_with_a_wrong_checksum_or_counter_is_refused(tmp_path: Path, kind: str) -> None:
     gate = opening(rig_file(tmp_path))
     gate.step(0.2)
     gate.fault(kind, where="DriveCommand", direction="received")
@@ -110,7 +110,7 @@ def test_a_command_with_a_wrong_protection_is_refused(tmp_path: Path, kind: str)
     assert 1.0 in coasts[2:5]  # after which any counter is welcome once
 
 
-def test_what_the_restbus_sends_has_its_own_protection(tmp_path: Path) -> None:
+def test_restbus_frames_have_the_protection_of_the_rig(tmp_path: Path) -> None:
     ids = f"[{', '.join(map(str, IDS))}]"
     checksum = (
         "{ signal = 'Checksum', width = 8, polynomial = 0x1D, covers = ['payload', 'data_id'], "

@@ -1,4 +1,4 @@
-"""What goes before a scenario with an ECU on a bus: a reset as the rig says, and motions; all in lockstep."""
+"""Preconditions of a scenario for an ECU on a bus, a reset by the rig and motions, all in lockstep."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _numbers = itertools.count()
 
 
 class Ecu(threading.Thread):
-    """Answers every Gate message with a command: for `push` [s] after a button is pressed it drives that way, but
+    """An ECU that answers every Gate message with a command: for `push` [s] after a button press it drives, but
     not while the ignition is off.
     """
 
@@ -77,7 +77,7 @@ class Ecu(threading.Thread):
 
 @pytest.fixture
 def on_bus() -> Iterator[Callable[..., tuple[Ecu, Any]]]:
-    """Runs a scenario with such an ECU."""
+    """Return a function that runs a scenario with this ECU on a virtual bus."""
     ecus = []
 
     def run(path: Path, rig: Rig = RIG, record: Any = (), **more: Any) -> tuple[Ecu, Any]:
@@ -107,14 +107,14 @@ def scenario(folder: Path, text: str) -> Path:
 
 
 def rig_with(folder: Path, text: str) -> Rig:
-    """Ours, and this."""
+    """Write the shipped rig with additional text, and load it."""
     whole = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     path = folder / "their.toml"
     path.write_text(f"{whole}\n{text}", encoding="utf-8")
     return load_rig(path)
 
 
-def test_requests_of_a_scenario_press_the_rig_s_buttons(tmp_path: Path, on_bus: Any) -> None:
+def test_requests_of_a_scenario_press_the_buttons_of_the_rig(tmp_path: Path, on_bus: Any) -> None:
     ask = '[[request]]\ntime = {}\naction = "{}"\n'
     text = ask.format(0.1, "open") + ask.format('"left_current_a > 1"', "stop")
     ecu, result = on_bus(scenario(tmp_path, text))
@@ -123,7 +123,7 @@ def test_requests_of_a_scenario_press_the_rig_s_buttons(tmp_path: Path, on_bus: 
     assert result.maxima["left_current_a"] > 1.0
 
 
-def test_a_precondition_is_gone_through_on_the_wire_before_time_0(tmp_path: Path, on_bus: Any) -> None:
+def test_motions_of_a_precondition_run_on_the_bus_before_time_0(tmp_path: Path, on_bus: Any) -> None:
     text = 'precondition = ["open", "close"]\n[[request]]\ntime = 0.1\naction = "open"\n'
     ecu, result = on_bus(scenario(tmp_path, text))
     assert ecu.buttons == [1, 2, 1]
@@ -136,7 +136,7 @@ def test_a_precondition_is_gone_through_on_the_wire_before_time_0(tmp_path: Path
     assert steps == {1}
 
 
-def test_an_ecu_that_is_not_heard_is_not_waited_for_without_an_end(tmp_path: Path) -> None:
+def test_waiting_for_an_ecu_in_a_precondition_has_a_time_limit(tmp_path: Path) -> None:
     setup = setup_of(scenario(tmp_path, 'precondition = ["open"]\n'))
     heard, motion = (each.end for each in phases_of(setup, RIG, 0.001))
     row = np.zeros((1, ROW_WIDTH))
@@ -155,13 +155,13 @@ EXPECT = '[[expect]]\nname = "stands"\nalways = "gate_angle_deg > 0"\n'
 RESET = '[reset]\nsignal = "Body.Ignition"\nvalue = "off"\nhold_s = 0.3\n'
 
 
-def test_a_reset_goes_before_a_scenario(tmp_path: Path, on_bus: Any) -> None:
+def test_a_scenario_begins_with_a_reset_of_the_ecu(tmp_path: Path, on_bus: Any) -> None:
     ecu, result = on_bus(scenario(tmp_path, EXPECT), rig_with(tmp_path, RESET))
     assert result.verdict == "pass", result.reason
     assert ecu.offs == 1
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_the_rig_s_signal(tmp_path: Path, on_bus: Any) -> None:
+def test_a_reset_during_a_scenario_uses_the_signal_of_the_rig(tmp_path: Path, on_bus: Any) -> None:
     text = '[[request]]\ntime = 0.05\naction = "reset"\n'
     ecu, result = on_bus(scenario(tmp_path, text), rig_with(tmp_path, RESET))
     assert result.verdict == "pass", result.reason
@@ -171,7 +171,7 @@ def test_a_reset_in_the_middle_of_a_scenario_is_the_rig_s_signal(tmp_path: Path,
 @pytest.mark.parametrize(
     ("ready", "verdict"), [("DriveCommand.LeftDirection == 0", "pass"), ("gate_angle_deg > 90", "inconclusive")]
 )
-def test_a_reset_is_over_when_the_ecu_is_ready(tmp_path: Path, on_bus: Any, ready: str, verdict: str) -> None:
+def test_a_reset_ends_with_its_ready_condition(tmp_path: Path, on_bus: Any, ready: str, verdict: str) -> None:
     rig = rig_with(tmp_path, f'{RESET}ready = "{ready}"\ntimeout_s = 0.5\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     assert result.verdict == verdict
@@ -188,7 +188,7 @@ PROGRAMS = [
 
 
 @pytest.mark.parametrize(("program", "said"), PROGRAMS)
-def test_a_reset_may_be_a_program(tmp_path: Path, on_bus: Any, program: str, said: str) -> None:
+def test_a_reset_may_run_a_program(tmp_path: Path, on_bus: Any, program: str, said: str) -> None:
     command = f"[{sys.executable!r}, '-ISc', {program!r}]".replace("'", '"') if '"' not in program else ""
     if "'" in program:
         (tmp_path / "power.py").write_text(program, encoding="utf-8")
@@ -203,7 +203,7 @@ def test_a_reset_may_be_a_program(tmp_path: Path, on_bus: Any, program: str, sai
 
 @pytest.mark.parametrize(("program", "said"), PROGRAMS)
 @pytest.mark.parametrize("when", ["0.05", '"time_s > 0.05"'])
-def test_a_reset_in_the_middle_of_a_scenario_may_be_a_program(
+def test_a_reset_during_a_scenario_may_run_a_program(
     tmp_path: Path, on_bus: Any, program: str, said: str, when: str
 ) -> None:
     runs, script = tmp_path / "runs.txt", tmp_path / "power.py"
@@ -229,7 +229,7 @@ def test_a_reset_in_the_middle_of_a_scenario_may_be_a_program(
         assert told.reason.startswith("request: reset: ")
 
 
-def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(tmp_path: Path, on_bus: Any) -> None:
+def test_a_reset_program_that_takes_too_long_is_killed_with_its_children(tmp_path: Path, on_bus: Any) -> None:
     alive, script = tmp_path / "alive.txt", tmp_path / "power.py"
     child = f"import time\\nfor n in range(600): open({str(alive)!r}, 'a').write('x'); time.sleep(0.05)"
     script.write_text(
@@ -245,7 +245,7 @@ def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(tmp_p
     assert alive.read_text(encoding="utf-8") == written
 
 
-def test_a_program_that_is_not_there_is_reported(tmp_path: Path, on_bus: Any) -> None:
+def test_a_missing_reset_program_is_reported(tmp_path: Path, on_bus: Any) -> None:
     rig = rig_with(tmp_path, '[reset]\ncommand = ["/no/such/program"]\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
     (told,) = result.expectations.values()
@@ -253,7 +253,7 @@ def test_a_program_that_is_not_there_is_reported(tmp_path: Path, on_bus: Any) ->
     assert "reset.command: /no/such/program: cannot be run" in told.reason
 
 
-def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
+def test_rig_check_describes_requests_and_reset(tmp_path: Path) -> None:
     assert asked_by(RIG)["stop"] == "DriverRequest.Button = 3 for 0.2 s, else 0"
     rig = rig_with(tmp_path, f'{RESET}command = ["power", "cycle"]\nready = "time_s > 1"\n')
     said = "Body.Ignition = 0 for 0.3 s, else 1, runs power cycle, then waits for time_s > 1"
@@ -272,7 +272,7 @@ WRONG_RIGS = [
 
 
 @pytest.mark.parametrize(("text", "said"), WRONG_RIGS)
-def test_mistakes_in_the_sections_are_reported(tmp_path: Path, text: str, said: str) -> None:
+def test_mistakes_in_the_tables_of_requests_and_reset_are_reported(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         rig_with(tmp_path, text)
     (issue,) = caught.value.issues
@@ -280,7 +280,7 @@ def test_mistakes_in_the_sections_are_reported(tmp_path: Path, text: str, said: 
     assert "allowed: " in issue or "ready" in said
 
 
-def test_a_request_that_the_rig_has_no_button_for_is_reported(tmp_path: Path) -> None:
+def test_a_request_without_a_button_in_the_rig_is_refused(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n[[request]]\ntime = 1\naction = "reset"\n'
     with pytest.raises(ConfigError, match=r"request: reset: allowed on a bus with \[reset\] in the rig"):
         lh.run(scenario(tmp_path, text), "bus", "lockstep", bus="virtual:nobody")

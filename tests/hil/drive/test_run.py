@@ -1,4 +1,4 @@
-"""`liftgate_hil.run`: a scenario against an ECU, what it takes and what it gives."""
+"""`liftgate_hil.run`: a scenario against an ECU, its arguments and its result."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_result_has_every_column_and_what_the_ecu_reported(scenario: Path) -> None:
+def test_a_result_has_extremes_of_every_column_and_the_ecus_events(scenario: Path) -> None:
     result = lh.run(scenario, ecu="reference")
     assert (result.verdict, result.reason) == ("pass", "")
     assert set(result.maxima) == set(result.minima) == set(COLUMNS)
@@ -58,7 +58,7 @@ def test_a_result_has_every_column_and_what_the_ecu_reported(scenario: Path) -> 
     assert result.summary.ticks == 2501
 
 
-def test_how_rig_and_vehicle_fit_is_noted_in_the_result_and_printed_once(
+def test_a_note_on_rig_and_vehicle_is_in_the_result_and_printed_once(
     scenario: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from liftgate_hil.cli.main import main
@@ -81,32 +81,32 @@ def test_how_rig_and_vehicle_fit_is_noted_in_the_result_and_printed_once(
         assert (said.out + said.err).count(note) == 1, command
 
 
-def test_parameters_replace_those_of_the_file(scenario: Path) -> None:
+def test_parameters_of_the_call_override_those_of_the_file(scenario: Path) -> None:
     soft = lh.run(scenario, parameters={"rod": 1000})
     hard = lh.run(scenario, parameters={"rod": 60_000})
     assert hard.maxima["pinch_force_n"] > 1.2 * soft.maxima["pinch_force_n"]
 
 
-def test_arguments_win_over_the_file(scenario: Path) -> None:
+def test_arguments_of_the_call_override_the_file(scenario: Path) -> None:
     result = lh.run(scenario, vehicle="compact", initial="closed", duration=0.5, settings=["supply.voltage=11"])
     assert result.summary.model_time_s == pytest.approx(0.501)
     assert result.maxima["supply_voltage_v"] == 11.0
     assert result.minima["latched"] == 1.0
 
 
-def test_a_scenario_that_sets_keys_wants_a_vehicle_whose_keys_it_can_set(scenario: Path) -> None:
+def test_a_scenario_that_sets_vehicle_keys_is_refused_with_a_loaded_vehicle(scenario: Path) -> None:
     with pytest.raises(ConfigError, match=r"\.toml: set\.supply\.voltage: allowed with"):
         lh.run(scenario, vehicle=lh.load_vehicle("suv"))
 
 
-def test_a_trace_keeps_every_row(scenario: Path) -> None:
+def test_a_trace_has_every_row(scenario: Path) -> None:
     result = lh.run(scenario, trace=True)
     assert set(result.trace) == set(COLUMNS)
     assert len(result.trace["time_s"]) == result.summary.ticks
     assert result.trace["pinch_force_n"].max() == result.maxima["pinch_force_n"]
 
 
-def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
+def test_requested_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     result = lh.run(scenario, record=files)
     assert result.recording == tuple(files)
@@ -136,12 +136,12 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
         ({"settings": ["nix"]}, "`settings` nix: allowed: KEY=VALUE"),
     ],
 )
-def test_what_cannot_be_meant_is_reported(scenario: Path, arguments: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_refused(scenario: Path, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.run(scenario, **arguments)
 
 
-def test_shipped_names_and_paths_are_loaded(scenario: Path) -> None:
+def test_loaded_objects_are_accepted_in_place_of_names(scenario: Path) -> None:
     scenario.write_text(TEXT.partition("[set]")[0] + "[[obstacle]]" + TEXT.partition("[[obstacle]]")[2])
     loaded = lh.load_scenario(scenario, {"rod": 20_000})
     assert loaded.parameters["rod"] == 20_000
@@ -151,12 +151,12 @@ def test_shipped_names_and_paths_are_loaded(scenario: Path) -> None:
     assert result.verdict == "pass"
 
 
-def test_without_a_duration_a_run_would_never_end() -> None:
+def test_a_run_without_a_scenario_and_a_duration_is_refused() -> None:
     with pytest.raises(ConfigError, match="`duration`: missing"):
         lh.run()
 
 
-def test_all_issues_of_a_scenario_come_at_once(tmp_path: Path) -> None:
+def test_all_issues_of_a_scenario_are_reported_at_once(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(
         'seed = -1\ninitial = "ajar"\nnix = 1\n[[obstacle]]\nangle_deg = "$angle"\n'
@@ -170,7 +170,7 @@ def test_all_issues_of_a_scenario_come_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_run_that_fails_tells_how_far_it_came(scenario: Path, clock: str) -> None:
+def test_a_failed_run_keeps_its_summary_and_extremes_so_far(scenario: Path, clock: str) -> None:
     class Raises:
         def step(self, now_s: float, frames: object) -> list[object]:
             if now_s > 0.0495:
@@ -184,7 +184,7 @@ def test_a_run_that_fails_tells_how_far_it_came(scenario: Path, clock: str) -> N
     assert result.maxima["gate_angle_deg"] > 44.0
 
 
-def test_frames_for_which_an_ecu_had_no_room_are_reported(scenario: Path) -> None:
+def test_frames_dropped_by_a_full_ecu_buffer_are_reported(scenario: Path) -> None:
     class Rarely:
         period_s = 2.0
 
@@ -197,7 +197,7 @@ def test_frames_for_which_an_ecu_had_no_room_are_reported(scenario: Path) -> Non
     assert lh.run(scenario).summary.ecu_dropped_frames == 0
 
 
-def test_what_a_rig_and_the_rate_do_not_fit_in_is_reported_before_the_run(scenario: Path) -> None:
+def test_a_note_on_rig_and_rate_is_reported_before_the_run(scenario: Path) -> None:
     class Heard(Listener):
         def __init__(self) -> None:
             self.lines: list[str] = []
@@ -213,7 +213,7 @@ def test_what_a_rig_and_the_rate_do_not_fit_in_is_reported_before_the_run(scenar
     )
 
 
-def test_a_run_in_python_that_diverges_keeps_what_it_has_recorded(
+def test_a_diverging_run_in_plain_python_keeps_its_recorded_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tick = Loop._call

@@ -1,4 +1,4 @@
-"""ECUs in Python for the tests of adapters, and the same ones in C: `echo.c`."""
+"""ECUs in Python for the tests of adapters; `echo.c` has the same ones in C."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ACTIONS = ("stop", "open", "close")
 
 
 class Echo:
-    """Gives back each frame with a 29-bit identifier. Tells once how many steps it had made before, and each
+    """Sends back each frame with a 29-bit identifier. Reports once how many steps it had made before, and each
     request with the time of the step after it.
     """
 
@@ -22,11 +22,11 @@ class Echo:
         self._requests: list[str] = []
 
     def request(self, action: str) -> None:
-        """The driver's button."""
+        """Take a request of the driver."""
         self._requests.append(action)
 
     def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
-        """See the interface of a Python ECU."""
+        """Make a step, as in the interface of a Python ECU."""
         sent = [
             can.Message(arbitration_id=frame.arbitration_id, is_extended_id=True, data=frame.data)
             for frame in frames
@@ -44,7 +44,7 @@ class Echo:
 
 
 class Opener:
-    """As simple as an ECU can be: opens with a fixed duty from when it is asked to, and coasts before."""
+    """A minimal ECU: coasts, and opens with a fixed duty once it is requested to open."""
 
     def __init__(self) -> None:
         self._rig = shipped_rig()
@@ -54,11 +54,11 @@ class Opener:
         self.angles: list[float] = []
 
     def request(self, action: str) -> None:
-        """The driver's button."""
+        """Take a request of the driver."""
         self._is_opening = action == "open"
 
     def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
-        """See the interface of a Python ECU."""
+        """Make a step, as in the interface of a Python ECU."""
         gate = self._database.get_message_by_name("Gate")
         self.angles += [
             gate.decode(frame.data)["Angle"] for frame in frames if frame.arbitration_id == gate.frame_id
@@ -72,15 +72,15 @@ class Opener:
 
 
 class Silent:
-    """Says nothing at all."""
+    """An ECU that sends nothing."""
 
     def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
-        """See the interface of a Python ECU."""
+        """Make a step, as in the interface of a Python ECU."""
         return []
 
 
 class Picky:
-    """Cannot be made without arguments."""
+    """An ECU whose class needs an argument."""
 
     def __init__(self, needed: int) -> None:
         self.needed = needed

@@ -1,4 +1,4 @@
-"""One contract for every adapter: the reference ECU, a C library, a Python object; in an episode and as a peer."""
+"""The contract of every adapter (reference ECU, C library, Python object), in an episode and as a bus peer."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ HERE = Path(__file__).parent
 
 
 class Line(NamedTuple):
-    """Of a bus's log."""
+    """A line of a bus log."""
 
     tick: int
     identifier: int
@@ -62,7 +62,7 @@ def in_an_episode(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
 
 
 def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
-    """The same on a virtual bus, ticked from Python."""
+    """Run an ECU as a peer on a virtual bus, ticked from Python."""
     channel = str(uuid.uuid4())
     ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
     config = loop_config()
@@ -98,7 +98,7 @@ KINDS = [pytest.param("library", marks=needs_compiler), "object", "echo_ecu:Echo
 
 @pytest.fixture
 def make(request: pytest.FixtureRequest) -> Callable[[str], Any]:
-    """What `ecu` is to be for a kind."""
+    """Return a function that makes the argument `ecu` for a kind of ECU."""
 
     def made(kind: str) -> Any:
         if kind == "library":
@@ -113,7 +113,7 @@ def make(request: pytest.FixtureRequest) -> Callable[[str], Any]:
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_gets_each_frame_once_in_order_and_is_read_one_tick_later(
+def test_an_ecu_gets_each_frame_once_in_order_and_its_frames_are_received_a_tick_later(
     make: Callable[[str], Any], way: Callable[..., list[Line]], kind: str, tmp_path: Path
 ) -> None:
     lines = way(make(kind), Scenario(NO_STIMULI, (), 0.3), tmp_path / "bus.log")
@@ -126,7 +126,7 @@ def test_it_gets_each_frame_once_in_order_and_is_read_one_tick_later(
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_requests_reach_it_at_their_time_before_its_step(
+def test_an_ecu_gets_requests_at_their_time_before_its_step(
     make: Callable[[str], Any], way: Callable[..., list[Line]], kind: str, tmp_path: Path
 ) -> None:
     asked = [
@@ -146,7 +146,7 @@ def test_requests_reach_it_at_their_time_before_its_step(
 
 
 @pytest.mark.parametrize("kind", [each for each in KINDS if each != "object"])
-def test_another_run_begins_afresh(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
+def test_each_run_begins_with_a_fresh_ecu(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
     scenario, logs = Scenario(NO_STIMULI, (), 0.05), []
     for number in range(2):
         path = tmp_path / f"{number}.log"
@@ -157,7 +157,7 @@ def test_another_run_begins_afresh(make: Callable[[str], Any], kind: str, tmp_pa
     assert logs[0] == logs[1]
 
 
-def test_an_object_goes_on_as_its_maker_left_it(tmp_path: Path) -> None:
+def test_a_python_object_keeps_its_state_between_runs(tmp_path: Path) -> None:
     ecu, scenario = Echo(), Scenario(NO_STIMULI, (), 0.05)
     for steps in (0, 51):
         lines = in_an_episode(ecu, scenario, tmp_path / "bus.log")
@@ -167,7 +167,7 @@ def test_an_object_goes_on_as_its_maker_left_it(tmp_path: Path) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("way", WAYS)
-def test_a_library_is_made_once_and_destroyed_at_the_end(
+def test_a_library_creates_its_ecu_once_and_destroys_it_at_the_end(
     way: Callable[..., list[Line]], echo_library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     notes = tmp_path / "notes"
@@ -177,7 +177,7 @@ def test_a_library_is_made_once_and_destroyed_at_the_end(
 
 
 @needs_compiler
-def test_a_library_and_an_object_that_do_the_same_give_the_same_run(echo_library: Path, tmp_path: Path) -> None:
+def test_equivalent_ecus_in_c_and_python_give_the_same_run(echo_library: Path, tmp_path: Path) -> None:
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.02), "open"),), 0.1)
     for name, ecu in (("c", echo_library), ("python", Echo())):
         in_an_episode(ecu, scenario, tmp_path / f"{name}.log")
@@ -207,7 +207,7 @@ def test_the_reference_ecu_is_made_anew_for_each_run() -> None:
     assert runs[0].summary == runs[1].summary
 
 
-def test_no_ecu_at_all_is_a_silent_bus(rig: Rig) -> None:
+def test_without_an_ecu_only_the_gate_sends_frames(rig: Rig) -> None:
     keeper = Keeper()
     with Adapter(rig, 2) as adapter:
         episode = episode_of([keeper], adapter)
@@ -234,7 +234,7 @@ def test_no_ecu_at_all_is_a_silent_bus(rig: Rig) -> None:
         (1.0, 1000.0, [0]),
     ],
 )
-def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
+def test_a_python_ecu_is_called_every_period_with_all_frames_since_the_last_call(
     period_s: float | None, rate: float, expected_ms: list[int]
 ) -> None:
     ecu = ScriptedEcu(lambda turn: [], period_s=period_s)
@@ -252,7 +252,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
         assert {each.timestamp for each in heard} <= {now}
 
 
-def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
+def test_a_python_ecu_that_returns_nothing_sends_no_frames() -> None:
     for answer in (None, [], ()):
         result, _ = run_kept(Scenario(NO_STIMULI, (), 0.05), ScriptedEcu(lambda turn, a=answer: a))
         assert result.verdict == "pass"
@@ -280,8 +280,8 @@ def test_a_simple_python_ecu_opens_the_gate(kind: str, clock: str) -> None:
 
 
 @c_ecu.needs_compiler
-def test_the_example_library_opens_the_gate_alike_whenever_it_runs(example_library: Path) -> None:
-    """Costs a build of all of it."""
+def test_the_example_library_opens_the_gate_identically_on_free_and_lockstep_clocks(example_library: Path) -> None:
+    """Needs a build of the whole example."""
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.2), "open"),), 2.0)
     runs = [lh.run(scenario, example_library, clock, trace=True) for clock in ("free", "lockstep")]
     for run in runs:

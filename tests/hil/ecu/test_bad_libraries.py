@@ -1,4 +1,4 @@
-"""A C library that does what none may: the run ends with the cause, and its caller lives on.
+"""C libraries that violate the ECU interface: the run ends with the cause, and its caller continues.
 
 What is refused by a check of what it returned, and ends no process, runs in the test's own process, but for one
 case each that shows that the answer of a run's process says the same.
@@ -42,7 +42,7 @@ def library(folder: Path, **bodies: str) -> Path:
 
 
 def run_here(scenario: Scenario, path: Path, clock: str = "free") -> lh.Result:
-    """Run as the process of a library's run does. Raises what is answered there, such as EcuError."""
+    """Run a scenario in this process as a library's process does. Raises its errors, such as EcuError."""
     return run_plan(plan_of(Job(RunRequest(scenario, str(path), clock))), (), lambda: False)
 
 
@@ -76,7 +76,7 @@ NO_FRAME = (
         ({"step": f"if ({AT}) return 5000;"}, 0.05, RETURNED.format("5000")),
     ],
 )
-def test_what_it_does_wrong_is_reported(
+def test_a_crash_or_a_wrong_answer_of_a_library_is_reported_with_its_time(
     tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str
 ) -> None:
     result = lh.run(SCENARIO, library(tmp_path, **bodies))
@@ -97,7 +97,7 @@ def test_what_it_does_wrong_is_reported(
         (frame(8, identifier=0x800), NO_FRAME),
     ],
 )
-def test_an_answer_that_is_none_is_reported(tmp_path: Path, step: str, reason: str) -> None:
+def test_an_invalid_return_value_or_frame_is_reported(tmp_path: Path, step: str, reason: str) -> None:
     result = run_here(SCENARIO, library(tmp_path, step=step))
     assert result.verdict == "error"
     assert re.fullmatch(rf"the ECU at 0\.050 s: {reason}", result.reason), result.reason
@@ -113,18 +113,18 @@ def test_an_answer_that_is_none_is_reported(tmp_path: Path, step: str, reason: s
         frame(8, flags=0xFE),
     ],
 )
-def test_what_it_may_do_is_no_error(tmp_path: Path, step: str) -> None:
+def test_unusual_but_valid_frames_are_no_error(tmp_path: Path, step: str) -> None:
     result = run_here(SCENARIO, library(tmp_path, step=step))
     assert result.verdict == "pass", result.reason
 
 
-def test_without_requests_it_gets_none(tmp_path: Path) -> None:
+def test_a_library_without_a_request_function_gets_no_requests(tmp_path: Path) -> None:
     source = re.sub(r"void liftgate_ecu_request.*", "", source_of())
     path = build(tmp_path, source)
     assert run_here(SCENARIO, path).verdict == "pass"
 
 
-def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path) -> None:
+def test_a_library_that_creates_no_ecu_is_an_error_of_the_run(tmp_path: Path) -> None:
     path = library(tmp_path, create="if (state == 0) return NULL;")
     result = lh.run(SCENARIO, path)
     assert result.verdict == "error"
@@ -143,21 +143,21 @@ def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path) -> None:
         ({"destroy": "for (;;) pause();"}, 0.101),
     ],
 )
-def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
+def test_a_hanging_library_is_killed(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
     job = Job(RunRequest(SCENARIO, str(library(tmp_path, **bodies))))
     with pytest.raises(EcuError) as caught:
         run_isolated("liftgate_hil.drive.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no response for 1 s"
 
 
-def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_library_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
     assert (result.verdict, result.reason) == ("error", "the ECU at 0.050 s: no response for 1 s")
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
-def test_a_hang_on_a_bus_is_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str) -> None:
+def test_a_library_hang_on_a_bus_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
     path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
     result = lh.run(SCENARIO, path, clock=clock)
@@ -166,14 +166,14 @@ def test_a_hang_on_a_bus_is_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert re.fullmatch(rf"the ECU at {time} s: no response for 1 s", result.reason)
 
 
-def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path) -> None:
+def test_the_time_of_a_crash_is_right_at_any_rate(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"if ({AT}) abort();")
     result = lh.run(SCENARIO, path, rate=500.0)
     assert result.reason.startswith("the ECU at 0.050 s")
 
 
 @pytest.mark.parametrize(("missing", "run"), [("create", run_here), ("destroy", run_here), ("step", lh.run)])
-def test_a_library_without_a_function_is_a_mistake_of_the_caller(
+def test_a_library_without_a_required_function_is_refused(
     tmp_path: Path, missing: str, run: Callable[..., lh.Result]
 ) -> None:
     path = build(tmp_path, source_of().replace(f"liftgate_ecu_{missing}(", f"another_{missing}("))
@@ -182,14 +182,14 @@ def test_a_library_without_a_function_is_a_mistake_of_the_caller(
 
 
 @pytest.mark.parametrize("content", [b"", b"no library", b"\x7fELF and no more"])
-def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_library_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "ecu.so"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"ecu.*ecu\.so.*functions of liftgate_ecu\.h"):
         run_here(SCENARIO, path)
 
 
-def test_what_else_is_wrong_is_reported_before_a_process_is_started(
+def test_wrong_arguments_are_refused_before_a_process_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.run_isolated", lambda *_: pytest.fail("started"))
@@ -207,14 +207,14 @@ def test_what_else_is_wrong_is_reported_before_a_process_is_started(
         (object(), False),
     ],
 )  # fmt: skip
-def test_libraries_are_known_by_their_names(name: object, expected: bool) -> None:
+def test_libraries_are_recognized_by_their_file_names(name: object, expected: bool) -> None:
     assert is_library(name) is expected
     if isinstance(name, str):
         assert is_library(Path(name)) is expected
 
 
-def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
-    """Everything that a run may be given can be handed to another process."""
+def test_loaded_objects_reach_the_worker_process(tmp_path: Path) -> None:
+    """All arguments of a run can be pickled."""
     rig = rig_from("liftgate")
     vehicle = vehicle_from("compact")
     scenario = dataclasses.replace(SCENARIO, duration=0.05)
@@ -224,12 +224,12 @@ def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
     assert result.summary.ticks == 51
 
 
-def test_what_a_crashed_library_leaves_behind_holds_nothing_up(tmp_path: Path) -> None:
+def test_a_child_process_of_a_crashed_library_does_not_delay_the_result(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"if ({AT}) {{ if (!fork()) {{ sleep(60); _exit(0); }} abort(); }}")
     assert lh.run(SCENARIO, path).reason == "the ECU at 0.050 s: its process ended (SIGABRT)"
 
 
-def test_after_a_crash_the_recording_and_the_summary_tell_how_far_it_came(tmp_path: Path) -> None:
+def test_after_a_crash_recording_and_summary_reach_up_to_the_crash(tmp_path: Path) -> None:
     path = library(tmp_path, step="if (now_ns >= 1500000000) abort();")
     scenario = dataclasses.replace(SCENARIO, duration=3.0)
     record = tmp_path / "run.csv"

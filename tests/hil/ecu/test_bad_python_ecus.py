@@ -1,4 +1,4 @@
-"""A Python ECU that does what none may: the run ends with the cause, and its caller lives on."""
+"""Python ECUs that violate the interface: the run ends with the cause, and its caller continues."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ GOOD = [message(COMMAND, command_payload(shipped_rig(), n, **both(20.0, OPEN, 1)
 
 
 class Unusual(BaseException):
-    """Not an Exception."""
+    """An exception that is not an Exception."""
 
 
 class Speechless(Exception):
-    """Whose own words fail."""
+    """An exception whose text cannot be formed."""
 
     def __str__(self) -> str:
         return str(1 // 0)
@@ -82,7 +82,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 @pytest.mark.parametrize("kind", BAD)
-def test_what_it_does_wrong_is_reported_and_the_caller_lives_on(kind: str, clock: str) -> None:
+def test_an_exception_or_wrong_answer_is_reported_and_the_caller_continues(kind: str, clock: str) -> None:
     answer, reason = BAD[kind]
     ecu = ScriptedEcu(lambda turn: answer() if turn == 5 else [GOOD[turn]])
     result = lh.run(SCENARIO, ecu, clock)
@@ -94,14 +94,14 @@ def test_what_it_does_wrong_is_reported_and_the_caller_lives_on(kind: str, clock
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 @pytest.mark.parametrize("turn", [0, 19])
-def test_its_first_and_its_last_turn_count_too(turn: int, clock: str) -> None:
+def test_an_exception_in_the_first_or_last_step_is_reported(turn: int, clock: str) -> None:
     ecu = ScriptedEcu(lambda now: raising(ValueError("odd"))() if now == turn else [GOOD[now % 16]])
     result = lh.run(SCENARIO, ecu, clock)
     assert result.verdict == "error"
     assert result.reason.startswith(f"the ECU at {0.01 * turn:.3f} s: ValueError: odd")
 
 
-def test_the_rows_until_then_are_kept() -> None:
+def test_rows_up_to_an_exception_are_kept() -> None:
     ecu = ScriptedEcu(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
     result, keeper = run_kept(SCENARIO, ecu)
     assert result.verdict == "error"
@@ -109,7 +109,7 @@ def test_the_rows_until_then_are_kept() -> None:
     assert result.maxima["time_s"] == pytest.approx(0.05)
 
 
-def test_the_recording_until_then_is_kept(tmp_path: Path) -> None:
+def test_recordings_up_to_an_exception_are_kept(tmp_path: Path) -> None:
     paths = [tmp_path / "plant.csv", tmp_path / "bus.log"]
     ecu = ScriptedEcu(lambda turn: raising(ValueError("odd"))() if turn == 5 else [])
     result = lh.run(SCENARIO, ecu, record=paths)
@@ -119,7 +119,7 @@ def test_the_recording_until_then_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
+def test_an_exception_in_a_request_ends_the_run(clock: str) -> None:
     class Deaf(ScriptedEcu):
         def request(self, action: str) -> None:
             raise ValueError(f"cannot {action}")
@@ -134,7 +134,7 @@ def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_step_that_takes_other_arguments_is_reported(clock: str) -> None:
+def test_a_step_method_with_a_wrong_signature_is_reported(clock: str) -> None:
     class Odd:
         def step(self) -> list[can.Message]:
             return []
@@ -145,7 +145,7 @@ def test_a_step_that_takes_other_arguments_is_reported(clock: str) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_ctrl_c_while_it_works_is_for_the_caller(clock: str) -> None:
+def test_ctrl_c_during_a_step_reaches_the_caller(clock: str) -> None:
     ecu = ScriptedEcu(lambda turn: raising(KeyboardInterrupt())() if turn == 5 else [GOOD[turn]])
     with pytest.raises(KeyboardInterrupt):
         lh.run(SCENARIO, ecu, clock)
@@ -156,14 +156,14 @@ def test_ctrl_c_while_it_works_is_for_the_caller(clock: str) -> None:
 
 
 class Rude:
-    """Its class raises."""
+    """A class whose construction raises."""
 
     def __init__(self) -> None:
         raise RuntimeError("not today")
 
 
 class Waits:
-    """Its step is a coroutine, which nobody awaits."""
+    """An ECU whose step is a coroutine, which nobody awaits."""
 
     async def step(self, now_s: float, frames: list[can.Message]) -> None:
         """Do nothing."""
@@ -192,7 +192,7 @@ class Waits:
     ],
 )
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_what_is_no_ecu_is_a_mistake_of_the_caller(
+def test_an_object_or_name_that_is_no_ecu_is_refused(
     ecu: Any, told: str, clock: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "broken_ecu.py").write_text("class Ecu\n")
@@ -205,12 +205,12 @@ def test_what_is_no_ecu_is_a_mistake_of_the_caller(
 
 
 @pytest.mark.parametrize("period", [0, 0.0, -0.01, float("nan"), float("inf"), 61.0, "10", [0.01]])
-def test_a_period_that_is_none_is_a_mistake_of_the_caller(period: Any) -> None:
+def test_an_invalid_period_is_refused(period: Any) -> None:
     with pytest.raises(ConfigError, match=r"period_s.*allowed: 1e-6 to 60 s"):
         lh.run(SCENARIO, ScriptedEcu(lambda turn: [], period_s=period))
 
 
-def test_an_error_in_a_library_is_told_with_the_line_of_the_ecu_that_called_it(tmp_path: Path) -> None:
+def test_an_exception_in_a_python_library_is_reported_with_the_ecus_own_line(tmp_path: Path) -> None:
     from liftgate_hil.errors import place_of
 
     library = tmp_path / "site-packages" / "theirs.py"

@@ -1,4 +1,4 @@
-"""The reference ECU obeys the driver's buttons on its bus: each press once, and only what is sound."""
+"""Driver's buttons of the reference ECU on its bus: each press is one request, and invalid frames are ignored."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NONE, OPEN, CLOSE, STOP = range(4)
 
 
 class Panel:
-    """Says what is pressed, and what the ECU makes of it."""
+    """A sender of button messages; `press` returns the request that the reference ECU decodes."""
 
     def __init__(self) -> None:
         self._bus = restbus_of([SignalChange(NEVER, NAME, 0.0)], Sheet(), RIG.tables)
@@ -40,7 +40,7 @@ class Panel:
         return int(pressed_in(self._buttons, self._state, frames, self._turn * 20_000_000))
 
 
-def test_a_press_is_asked_once_however_long_it_lasts() -> None:
+def test_a_button_press_is_one_request_however_long_it_lasts() -> None:
     panel = Panel()
     assert panel.press(NONE) == NO_REQUEST
     assert [panel.press(OPEN) for _ in range(3)] == [ACTIONS.index("open"), NO_REQUEST, NO_REQUEST]
@@ -50,14 +50,14 @@ def test_a_press_is_asked_once_however_long_it_lasts() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"bend": 1}, {"turn": 0}], ids=["checksum", "counter"])
-def test_what_is_not_sound_is_not_obeyed(wrong: dict[str, Any]) -> None:
+def test_a_button_frame_with_a_wrong_checksum_or_counter_is_ignored(wrong: dict[str, Any]) -> None:
     panel = Panel()
     panel.press(NONE)
     assert panel.press(OPEN, **wrong) == NO_REQUEST
     assert panel.press(OPEN) == ACTIONS.index("open")
 
 
-def test_the_button_on_the_bus_opens_the_gate(tmp_path: Any) -> None:
+def test_a_button_press_on_the_bus_opens_the_gate(tmp_path: Any) -> None:
     path = text_file(
         tmp_path / "s.toml", f'duration = 1.5\n[[signal]]\nsignal = "{NAME}"\ntime = 0.3\nvalue = "open"\n'
     )

@@ -1,4 +1,4 @@
-"""The reference ECU and the emulator, as one compiled episode."""
+"""The reference ECU and the emulated gate as a compiled episode."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rod(angle_deg: float, stiffness: float = ROD, start: Instant = START, end: I
 
 
 class Run:
-    """A finished run: the ECU's events, and the columns of the recording."""
+    """A finished run with the ECU's events and the columns of the recording."""
 
     def __init__(
         self,
@@ -101,19 +101,19 @@ def test_a_learned_reference_detects_no_later_than_an_unlearned_one() -> None:
 
 
 @pytest.mark.parametrize("stiffness", [20_000.0, 65_000.0])
-def test_harder_rods_are_detected_too(stiffness: float) -> None:
+def test_stiff_rods_are_detected(stiffness: float) -> None:
     run = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, stiffness))
     assert "trapped while closing" in run.texts()
 
 
-def test_two_unlike_drives_are_kept_together() -> None:
+def test_two_different_drives_stay_synchronous() -> None:
     run = Run("suv", [(0.5, "open")], 12.0, settings=["right.motor.resistance=0.9", "right.spring.health=0.8"])
     apart = np.abs(run.column("left_hall_count") - run.column("right_hall_count"))
     travelling = run.column("gate_angle_deg") < 78.0
     assert apart[travelling].max() < 25.0  # under 1 % of 2950 counts
 
 
-def test_soft_stop_meets_the_learned_end_slowly() -> None:
+def test_the_gate_arrives_slowly_at_its_learned_open_end() -> None:
     run = Run("suv", [(0.5, "open"), (12.0, "close"), (26.0, "open")], 36.0)
     late = run.column("time_s") > 26.0
     arriving = late & (run.column("gate_angle_deg") > 79.5)
@@ -122,7 +122,7 @@ def test_soft_stop_meets_the_learned_end_slowly() -> None:
     assert run.column("left_current_a")[arriving].max() < 4.0  # it does not run into the stop
 
 
-def test_a_rig_without_latch_signals_opens_and_latches_too(tmp_path: Path) -> None:
+def test_a_rig_without_latch_signals_can_be_opened_and_latched(tmp_path: Path) -> None:
     shipped = find_config("rigs", "liftgate").read_text()
     lines = [line for line in shipped.splitlines() if not line.startswith("latch_")]
     rig = text_file(tmp_path / "no-latch.toml", "\n".join(lines))
@@ -131,7 +131,7 @@ def test_a_rig_without_latch_signals_opens_and_latches_too(tmp_path: Path) -> No
     assert run.column("latched")[-1] == 1.0
 
 
-def test_the_driver_can_stop_and_go_on() -> None:
+def test_the_driver_can_stop_and_reverse_the_gate() -> None:
     run = Run("suv", [(0.5, "open"), (4.0, "stop"), (6.0, "close")], 14.0)
     assert run.texts()[:3] == ["opening", "stopped by the driver", "closing"]
     resting = (run.column("time_s") > 5.0) & (run.column("time_s") < 6.0)
@@ -139,9 +139,7 @@ def test_the_driver_can_stop_and_go_on() -> None:
 
 
 @pytest.mark.parametrize("period", [0.010, 0.035])
-def test_speeds_that_come_a_cycle_after_the_currents_now_and_then_are_no_load(
-    period: float, tmp_path: Path
-) -> None:
+def test_speed_frames_that_come_a_cycle_late_do_not_count_as_load(period: float, tmp_path: Path) -> None:
     late = "".join(
         f'[[fault]]\nkind = "frame_delayed"\nwhere = "{message}"\ndirection = "sent"\ndelay_s = 0.003\n'
         f"period_s = {period}\nshare = 0.5\n"

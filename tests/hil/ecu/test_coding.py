@@ -1,4 +1,4 @@
-"""What the reference ECU is told of its car: how fast it closes, and how much it tolerates."""
+"""Coding of the reference ECU for a car: its closing speed and its anti-trap limits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from liftgate_plant.coding import UNCODED, Coding
 _LIMITS = ("inertia_error", "excess_learned", "excess_unlearned", "excess_share", "excess_per_slope")
 
 
-def test_a_coding_scales_closing_and_limits_and_nothing_else() -> None:
+def test_a_coding_scales_only_closing_speeds_and_anti_trap_limits() -> None:
     assert coded(CALIBRATED, UNCODED) == CALIBRATED
     own = coded(CALIBRATED, Coding(closing_speed=0.5, anti_trap_limits=2.0))
     assert own.closing_speed == tuple(0.5 * speed for speed in CALIBRATED.closing_speed)
@@ -24,7 +24,7 @@ def test_a_coding_scales_closing_and_limits_and_nothing_else() -> None:
         assert getattr(own, name) == getattr(CALIBRATED, name)
 
 
-def test_a_car_that_is_coded_slower_closes_later() -> None:
+def test_a_slower_coding_closes_later() -> None:
     times = []
     for share in ("1", "0.7"):
         events = lh.run("demo", settings=(f"coding.closing_speed={share}",)).events
@@ -41,6 +41,6 @@ def test_a_car_that_is_coded_slower_closes_later() -> None:
         ("1,x", "'x'; allowed: 0.2 to 5"),
     ],
 )
-def test_a_wrong_coding_is_reported(given: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_coding_is_reported(given: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ecu", "--bus", "virtual:coding", "--coding", given]) == 2
     assert said in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The reference ECU works at the rig's cycle: slow or fast, the gate moves alike."""
+"""The reference ECU at different cycles of the rig moves the gate alike."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from liftgate_hil.config.shipped import find_config
 
 
 def rig_of_cycle(folder: Path, cycle_ms: float) -> Path:
-    """The shipped rig with another cycle of the command."""
+    """Return the shipped rig with another cycle of the command message."""
     shipped = find_config("rigs", "liftgate").read_text()
     head = "[messages.DriveCommand]\n"
     assert head in shipped
@@ -30,7 +30,7 @@ def demo(rig: Path) -> lh.Result:
 
 
 def travel_times(result: lh.Result) -> list[float]:
-    """How long it took to learn the travel, to open, to close."""
+    """Return the times to learn the travel, to open and to close."""
     starts = {
         "open, travel learned": 0.5, "open": 22.5, "closed and latched": 29.0
     }  # fmt: skip
@@ -39,7 +39,7 @@ def travel_times(result: lh.Result) -> list[float]:
 
 
 @pytest.mark.parametrize("cycle_ms", [5, 10, 20, 50])
-def test_the_gate_opens_reverses_from_the_rod_closes_and_latches(tmp_path: Path, cycle_ms: int) -> None:
+def test_the_gate_opens_reverses_closes_and_latches_at_any_cycle(tmp_path: Path, cycle_ms: int) -> None:
     result = demo(rig_of_cycle(tmp_path, cycle_ms))
     assert [event.text.split(" (")[0].split(",")[0] for event in result.events] == [
         "opening", "open", "closing", "trapped while closing", "reversal done", "opening", "open",
@@ -60,7 +60,7 @@ def test_the_gate_opens_reverses_from_the_rod_closes_and_latches(tmp_path: Path,
 
 
 @pytest.mark.parametrize("cycle_ms", [5, 20, 50])
-def test_it_takes_as_long_as_with_the_databases_cycle(tmp_path: Path, cycle_ms: int) -> None:
+def test_motions_take_as_long_as_with_the_databases_cycle(tmp_path: Path, cycle_ms: int) -> None:
     slow, usual = (demo(rig_of_cycle(tmp_path, cycle)) for cycle in (cycle_ms, 10))
     assert travel_times(slow) == pytest.approx(travel_times(usual), rel=0.02)
 

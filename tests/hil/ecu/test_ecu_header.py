@@ -1,4 +1,4 @@
-"""The C header that an ECU library includes: complete by itself, in C and C++, with the layout it promises."""
+"""The C header for ECU libraries: self-contained, in C and C++, with its documented layout."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def compile_source(compiler: str, dialect: str, source: Path, *options: str) -> 
 
 
 @pytest.mark.parametrize(("compiler", "dialect"), DIALECTS)
-def test_the_header_needs_nothing_before_it(tmp_path: Path, compiler: str, dialect: str) -> None:
+def test_the_header_is_self_contained(tmp_path: Path, compiler: str, dialect: str) -> None:
     source = text_file(tmp_path / ("alone.c" if compiler == "cc" else "alone.cpp"), '#include "liftgate_ecu.h"\n')
     compile_source(compiler, dialect, source, "-fsyntax-only")
 
 
 @pytest.mark.parametrize(("compiler", "dialect"), DIALECTS)
-def test_a_library_that_includes_it_exports_c_names_and_no_others(
+def test_a_library_with_the_header_exports_only_its_c_functions(
     tmp_path: Path, compiler: str, dialect: str
 ) -> None:
     if shutil.which("nm") is None:

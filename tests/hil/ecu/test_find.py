@@ -1,4 +1,4 @@
-"""Check of an ECU's name before a run: names that are found, and the message for one that is not."""
+"""Check of an ECU's name before a run: valid names, and messages for others."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from liftgate_hil.plan.setup import rig_from
         ("no_such.part:Ecu", "no module no_such in "),
     ],
 )
-def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
+def test_an_unknown_ecu_name_is_reported_with_a_suggestion(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, told: str
 ) -> None:
     here = tmp_path / "here"
@@ -74,7 +74,7 @@ def test_a_name_that_names_no_ecu_is_told_with_what_it_may_have_meant(
     assert issues_of(plan_of, Job(RunRequest("anti_trap", name))) == [issue]  # before anything runs
 
 
-def test_a_class_that_its_module_lacks_is_told_with_those_that_it_has(
+def test_a_missing_class_is_reported_with_the_classes_of_the_module(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
@@ -85,7 +85,7 @@ def test_a_class_that_its_module_lacks_is_told_with_those_that_it_has(
         adapter_for("misspelt_ecu:Dor", rig_from("liftgate"), 2)
 
 
-def test_a_library_that_exists_and_a_module_in_the_working_directory_are_fine(
+def test_existing_libraries_modules_and_objects_are_accepted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -95,7 +95,7 @@ def test_a_library_that_exists_and_a_module_in_the_working_directory_are_fine(
         check_ecu(name)
 
 
-def test_messages_name_a_class_as_it_was_given_however_its_object_shows_itself(
+def test_messages_name_an_ecu_class_as_given_and_not_by_its_repr(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "named_ecu.py").write_text("class Ecu:\n    def __repr__(self):\n        return 'step'\n")

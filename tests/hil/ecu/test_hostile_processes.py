@@ -1,4 +1,4 @@
-"""An ECU that does to its process what none may: the run ends with the cause, and the next one goes on.
+"""ECUs that damage their own process: the run ends with the cause, and the next run works.
 
 Each of them as a C library or as a Python class; deadlines are short here. A clock's loop decides how an
 exception of the ECU reaches the worker's answer, how a call that hangs is seen, and when the ECU is destroyed:
@@ -105,7 +105,7 @@ def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 def be_patient(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Wait longer than a busy machine keeps a healthy ECU waiting; `name` is that of the deadline."""
+    """Prolong a deadline, given by its name, so that a busy machine does not end a healthy ECU."""
     monkeypatch.setattr(f"liftgate_hil.isolate.isolation.{name}", 60.0)
 
 
@@ -114,7 +114,7 @@ def of_python(name: str, clock: str = "free") -> lh.Result:
 
 
 def on(clocks: Sequence[str], *case: Any) -> list[Any]:
-    """A case on each of these clocks."""
+    """Return a test case on each of these clocks."""
     return [pytest.param(clock, *case, id=f"{clock}-{case[0]}") for clock in clocks]
 
 
@@ -132,7 +132,7 @@ def on(clocks: Sequence[str], *case: Any) -> list[Any]:
         *on(["realtime"], "KeepsTheLock", "1 s"),  # one of its threads, whatever runs
     ],
 )
-def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(clock: str, name: str, said: str) -> None:
+def test_an_ecu_class_that_exits_or_hangs_is_an_error_with_its_cause(clock: str, name: str, said: str) -> None:
     result = of_python(name, clock)
     assert result.verdict == "error"
     assert result.reason.startswith("the ECU at 0.")
@@ -144,7 +144,7 @@ def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(clock: str, name:
     ("clock", "name", "notes"),
     [("free", "Thread", NOT_EXITED), ("lockstep", "AtExit", NOT_EXITED), ("realtime", "Prints", ())],
 )
-def test_what_a_class_does_beside_its_answers_leaves_the_verdict_alone(
+def test_side_effects_of_an_ecu_class_do_not_change_the_verdict(
     clock: str, name: str, notes: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     be_patient(monkeypatch, "HANG_S")
@@ -154,14 +154,14 @@ def test_what_a_class_does_beside_its_answers_leaves_the_verdict_alone(
     assert (result.verdict, result.reason, result.notes) == ("pass", "", notes)
 
 
-def test_rubbish_on_the_wires_descriptors_is_survived_or_reported() -> None:
-    """In real time the bus itself has descriptors in the ECU's process."""
+def test_garbage_written_to_the_bus_descriptors_is_survived_or_reported() -> None:
+    """In real time the ECU's process has descriptors of the bus itself."""
     result = of_python("Writes", "realtime")
     assert result.verdict == "pass" or result.reason
 
 
 @pytest.mark.parametrize("name", ["Writes", "Closes", "ClosesEarly"])
-def test_a_class_that_spoils_all_descriptors_can_still_be_judged(
+def test_an_ecu_class_that_closes_or_writes_to_all_descriptors_can_be_judged(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     be_patient(monkeypatch, "HANG_S")
@@ -178,7 +178,7 @@ def test_a_class_that_spoils_all_descriptors_can_still_be_judged(
         *on(["realtime"], "Ends"),
     ],
 )
-def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_reported(
+def test_the_recording_with_a_hostile_ecu_is_complete_or_its_loss_is_reported(
     clock: str, name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "run.csv"
@@ -189,14 +189,14 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_reported(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_a_property_that_raises_is_reported_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_exception_in_a_property_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     Path("s.toml").write_text('duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["test", "s.toml", "--ecu", "hostile:Property"]) == 2
     said = "period_s: ValueError: no such thing (hostile.py, line "
     assert said in capsys.readouterr().out
 
 
-def test_what_an_ecu_has_started_ends_with_its_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_started_by_an_ecu_end_with_its_run(monkeypatch: pytest.MonkeyPatch) -> None:
     be_patient(monkeypatch, "HANG_S")
     assert of_python("Leaves", "lockstep").verdict == "pass"
     child = int(Path("child").read_text())
@@ -206,7 +206,7 @@ def test_what_an_ecu_has_started_ends_with_its_run(monkeypatch: pytest.MonkeyPat
     assert not Path(f"/proc/{child}").exists()
 
 
-def test_what_an_ecu_prints_is_not_in_the_results(
+def test_output_printed_by_an_ecu_is_not_in_the_results(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     be_patient(monkeypatch, "HANG_S")
@@ -241,7 +241,7 @@ CLOSED = "for (int each = 0; each < 500; each++) close(each);"
         *on(["free", "realtime"], "closes at its end", {"destroy": f"{CLOSED}"}, "pass", ""),
     ],
 )
-def test_a_library_that_does_so(
+def test_a_hostile_library_is_judged_or_reported_with_its_cause(
     tmp_path: Path,
     clock: str,
     name: str,
@@ -260,14 +260,14 @@ def test_a_library_that_does_so(
 
 
 @needs_compiler
-def test_a_library_whose_destructor_hangs_has_been_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_hangs_at_exit_is_still_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     be_patient(monkeypatch, "HANG_S")
     at_exit = "{ extern int atexit(void (*)(void)); atexit((void (*)(void))pause); }"
     result = lh.run(SCENARIO, library(tmp_path, create=at_exit))
     assert (result.verdict, result.notes) == ("pass", NOT_EXITED)
 
 
-def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_request_works_while_the_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.EXIT_S", 600.0)
     job = Job(RunRequest(SCENARIO, "hostile:Thread"), is_isolated=True)
     asked = []

@@ -1,4 +1,4 @@
-"""What the reference ECU does not believe, and what it does then."""
+"""Plausibility checks of the reference ECU, and its reactions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COUNTS = 2.0  # a cycle
 
 
 class Opening:
-    """A sound gate that opens on request, cycle by cycle, until something is said of it."""
+    """A gate without a fault that opens on request, cycle by cycle, with replaceable feedback."""
 
     def __init__(self) -> None:
         self.memory = new_memory(2)
@@ -60,13 +60,13 @@ class Opening:
         return events_since(self.memory, 0)[-1].text
 
 
-def test_a_sound_gate_goes_on() -> None:
+def test_a_gate_without_a_fault_continues_to_open() -> None:
     gate = Opening()
     gate.run(400)
     assert gate.state == memory.OPENING
 
 
-def test_drives_that_are_apart_stop() -> None:
+def test_drives_at_different_positions_are_stopped() -> None:
     gate = Opening()
     stuck = gate.count
     for _ in range(200):
@@ -78,7 +78,7 @@ def test_drives_that_are_apart_stop() -> None:
     assert gate.command == DriveCommand(0.0, 0.0, False)  # braked
 
 
-def test_a_current_that_does_not_change_while_the_drive_moves_stops() -> None:
+def test_a_constant_current_of_a_moving_drive_stops_the_gate() -> None:
     gate = Opening()
     gate.run(round(C.frozen_time / CYCLE), left_current=1.0)
     assert gate.state == memory.OPENING
@@ -86,13 +86,13 @@ def test_a_current_that_does_not_change_while_the_drive_moves_stops() -> None:
     assert gate.last == "a drive's current does not change: stopped"
 
 
-def test_a_current_that_does_not_change_while_the_drive_stands_is_one_that_stalls() -> None:
+def test_a_constant_current_of_a_standing_drive_counts_as_blocked() -> None:
     gate = Opening()
     gate.run(round(2 * C.frozen_time / CYCLE), left_current=1.0, right_current=1.0, moves=0.0)
     assert gate.last == "blocked while opening: stopped" or "travel" in gate.last
 
 
-def test_over_current_switches_off_at_once_without_a_brake() -> None:
+def test_over_current_switches_the_motors_off_at_once_without_braking() -> None:
     gate = Opening()
     gate.run(round(C.over_current_time / CYCLE) - 1, left_current=60.0)
     assert gate.state == memory.OPENING
@@ -101,7 +101,7 @@ def test_over_current_switches_off_at_once_without_a_brake() -> None:
     assert np.isnan(gate.command.left_duty)
 
 
-def test_one_drive_that_carries_all_stops() -> None:
+def test_a_single_drive_that_carries_the_whole_load_stops_the_gate() -> None:
     gate = Opening()
     rng = np.random.default_rng(1)
     for _ in range(round((C.lone_time + 0.2) / CYCLE)):
@@ -109,7 +109,7 @@ def test_one_drive_that_carries_all_stops() -> None:
     assert gate.last in ("one drive carries the whole load: stopped",)
 
 
-def test_without_feedback_it_stops_and_brakes_once() -> None:
+def test_loss_of_feedback_stops_the_gate_and_brakes_once() -> None:
     gate = Opening()
     command = lose_feedback(K, gate.memory, gate.now)
     assert command == DriveCommand(0.0, 0.0, False)
@@ -121,7 +121,7 @@ def test_without_feedback_it_stops_and_brakes_once() -> None:
     assert len(events_since(gate.memory, 0)) == 2
 
 
-def test_a_gate_that_comes_down_is_held_and_reported_once() -> None:
+def test_a_falling_gate_is_braked_and_reported_once() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.run(round((C.settling_time + C.hold_time) / CYCLE) + 5, moves=0.0)
@@ -134,14 +134,14 @@ def test_a_gate_that_comes_down_is_held_and_reported_once() -> None:
     assert [each.text for each in events_since(gate.memory, 0)].count(gate.last) == 1
 
 
-def test_what_springs_back_after_a_stop_is_no_fall() -> None:
+def test_a_spring_back_after_a_stop_does_not_count_as_a_fall() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.run(40, moves=-1.0)
     assert gate.last == "stopped by the driver"
 
 
-def test_hot_motors_start_nothing_until_they_are_cool() -> None:
+def test_hot_motors_do_not_start_until_they_have_cooled() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.run(3, moves=0.0)
@@ -153,14 +153,14 @@ def test_hot_motors_start_nothing_until_they_are_cool() -> None:
     assert told.count("motors too hot: not started") == 2
 
 
-def test_hot_motors_may_always_be_stopped() -> None:
+def test_hot_motors_can_be_stopped() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.step(temperature=C.hot + 50.0)
     assert gate.state == memory.STOPPED
 
 
-def test_a_bus_that_tells_no_temperature_lets_it_start() -> None:
+def test_without_a_temperature_on_the_bus_the_motors_start() -> None:
     gate = Opening()
     gate.memory.control[0].request = memory.STOP
     gate.run(2, moves=0.0)

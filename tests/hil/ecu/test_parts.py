@@ -1,4 +1,4 @@
-"""Speed control, anti-trap and state machine by themselves."""
+"""Speed control, anti-trap protection and state machine of the reference ECU, each alone."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def new_drive() -> Any:
 def feed(
     guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
 ) -> TrapDecision | None:
-    """A run at a place, or on from there by so many counts a cycle; why it was judged to be trapped, if it was."""
+    """Feed a guard a load from a position on, by `step` counts per cycle; return the verdict if trapped."""
     for cycle in range(cycles):
         place = position + cycle * step
         verdict = watch(K, guard, load, place, TRAVEL, hidden=0.0, in_seal=place < C.seal_zone)
@@ -44,7 +44,7 @@ def feed(
 
 
 def learned(loads: dict[float, float]) -> Any:
-    """A guard that has met these loads at these positions [counts]."""
+    """Return a guard that has learned these loads at these positions [counts]."""
     guard = new_guard()
     begin_run(guard)
     pass_blank_time(guard)
@@ -68,7 +68,7 @@ def duty_of(drive: Any, wanted: float, speed: float, voltage: float) -> float:
 # Speed.
 
 
-def test_speed_is_counts_over_time() -> None:
+def test_speed_is_the_change_of_counts_over_time() -> None:
     drive = new_drive()
     for count in range(0, 60, 5):
         measure_speed(K, drive, count, np.nan, CYCLE)
@@ -76,8 +76,8 @@ def test_speed_is_counts_over_time() -> None:
 
 
 @pytest.mark.parametrize("cycle_ms", [1, 5, 10, 20, 50])
-def test_speed_is_that_of_the_window_whatever_the_cycle(cycle_ms: int) -> None:
-    """It forgets what is older than the window, as far as a cycle can resolve it."""
+def test_speed_is_averaged_over_the_same_window_at_any_cycle(cycle_ms: int) -> None:
+    """Counts older than the window are forgotten, as far as a cycle can resolve it."""
     cycle = 1e-3 * cycle_ms
     constants, drive = constants_of(C, cycle), new_drive()
     for n in range(round(1.0 / cycle)):
@@ -89,7 +89,7 @@ def test_speed_is_that_of_the_window_whatever_the_cycle(cycle_ms: int) -> None:
     assert drive.speed == pytest.approx(-200.0)
 
 
-def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
+def test_a_speed_on_the_bus_is_used_directly() -> None:
     drive = new_drive()
     measure_speed(K, drive, 0.0, 75.0, CYCLE)
     assert drive.speed == pytest.approx(75.0 * C.counts_per_turn)
@@ -97,8 +97,8 @@ def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
 
 @pytest.mark.parametrize("counts", [1, 2, 6, 16])
 @pytest.mark.parametrize("start", [0, 1500])
-def test_how_many_counts_a_turn_has_is_counted(counts: int, start: int) -> None:
-    """Of what is heard only."""
+def test_counts_per_turn_are_learned_from_speed_and_counts(counts: int, start: int) -> None:
+    """Only while both are received."""
     drive = new_drive()
     for cycle in range(100):
         turning = math.nan if cycle == 50 else -80.0
@@ -108,8 +108,8 @@ def test_how_many_counts_a_turn_has_is_counted(counts: int, start: int) -> None:
     assert drive.speed == pytest.approx(-80.0 * counts)
 
 
-def test_a_sample_that_comes_late_or_with_the_next_one_changes_neither_load_nor_speed() -> None:
-    """It counts when it was made: two in one cycle are no double acceleration."""
+def test_late_or_doubled_samples_change_neither_load_nor_speed() -> None:
+    """A sample counts at the time of its measurement: two in one cycle are no double acceleration."""
     slope, current = 90.0, 2.0 + C.inertia * 90.0
     both = {}
     for come in ([1] * 60, [1] * 20 + [0, 2, 0, 0, 3] + [1] * 3 + [2] + [1] * 30):
@@ -128,7 +128,7 @@ def test_a_sample_that_comes_late_or_with_the_next_one_changes_neither_load_nor_
     assert both[60] == pytest.approx(both[59], rel=5e-3)
 
 
-def test_counts_alone_give_the_speed_also_where_samples_are_missing() -> None:
+def test_counts_alone_give_the_speed_despite_missing_samples() -> None:
     drive = new_drive()
     for samples in [*range(20), 21, 24, 25, 27, 28]:
         measure_speed(K, drive, 3.0 * samples, np.nan, CYCLE * (samples - drive.count / 3.0 or 1))
@@ -136,7 +136,7 @@ def test_counts_alone_give_the_speed_also_where_samples_are_missing() -> None:
 
 
 def loads_while_accelerating(is_sharp: bool) -> list[float]:
-    """Of a drive whose current does nothing but accelerate it, more and more."""
+    """Return the loads computed for a drive whose current only accelerates it, at a rising rate."""
     drive, speed, loads = new_drive(), 0.0, []
     for cycle in range(100):
         slope = 2.5 * cycle  # rev/s²
@@ -147,12 +147,12 @@ def loads_while_accelerating(is_sharp: bool) -> list[float]:
     return loads
 
 
-def test_what_accelerates_the_drive_is_no_load() -> None:
+def test_current_that_accelerates_the_drive_does_not_count_as_load() -> None:
     assert max(map(abs, loads_while_accelerating(is_sharp=True))) < 1e-9
     assert loads_while_accelerating(is_sharp=False)[-1] == pytest.approx(C.inertia * 247.5, rel=0.02)
 
 
-def test_a_saturated_controller_does_not_wind_up() -> None:
+def test_a_saturated_speed_controller_does_not_wind_up() -> None:
     drive = new_drive()
     for _ in range(1000):
         assert duty_of(drive, 600.0, 0.0, 12.0) <= 1.0
@@ -161,7 +161,7 @@ def test_a_saturated_controller_does_not_wind_up() -> None:
     assert duties[-1] < 1.0
 
 
-def test_low_voltage_is_answered_with_more_duty() -> None:
+def test_a_low_supply_voltage_is_compensated_by_more_duty() -> None:
     low, high = duty_of(new_drive(), 200.0, 200.0, 9.0), duty_of(new_drive(), 200.0, 200.0, 15.0)
     assert low > high
 
@@ -169,11 +169,11 @@ def test_low_voltage_is_answered_with_more_duty() -> None:
 # Anti-trap.
 
 
-def test_steady_current_is_no_obstacle_however_high() -> None:
+def test_a_constant_current_does_not_count_as_an_obstacle_however_high() -> None:
     assert feed(new_guard(), 4.0, 500) is None
 
 
-def test_a_load_beyond_this_run_s_is_an_obstacle() -> None:
+def test_a_load_above_that_of_the_run_so_far_is_an_obstacle() -> None:
     guard = new_guard()
     begin_run(guard)
     feed(guard, 1.5, 100)
@@ -184,21 +184,21 @@ def test_a_load_beyond_this_run_s_is_an_obstacle() -> None:
     assert verdict.limit == C.excess_unlearned
 
 
-def test_what_a_start_takes_is_not_judged() -> None:
+def test_the_load_at_the_start_of_a_motion_is_not_judged() -> None:
     guard = new_guard()
     begin_run(guard)
     assert feed(guard, 0.0, int(0.5 * C.blank_time / CYCLE)) is None
     assert feed(guard, 9.0, int(0.4 * C.blank_time / CYCLE)) is None
 
 
-def test_a_slow_rise_over_the_travel_is_followed() -> None:
+def test_a_slow_rise_of_the_load_over_the_travel_is_followed() -> None:
     guard = new_guard()
     begin_run(guard)
     for step in range(600):
         assert feed(guard, 1.0 + 0.002 * step, 1) is None
 
 
-def test_a_learned_reference_is_judged_more_strictly() -> None:
+def test_a_learned_reference_has_a_narrower_limit() -> None:
     between = 1.5 + 0.99 * C.excess_unlearned
     known, fresh = learned({HALFWAY: 1.5}), new_guard()
     for guard in known, fresh:
@@ -208,8 +208,8 @@ def test_a_learned_reference_is_judged_more_strictly() -> None:
     assert feed(fresh, between, 6) is None
 
 
-def test_where_the_reference_is_steep_more_is_tolerated() -> None:
-    """By what a place may be off."""
+def test_a_steep_learned_reference_has_a_wider_limit() -> None:
+    """By the possible error of the position."""
     fine = (FINE_TO - FINE_FROM) / FINE
     centres = {FINE_FROM + (k + 0.5) * fine: 0.0 for k in range(FINE)}
     flat = learned(centres)
@@ -226,7 +226,7 @@ def test_where_the_reference_is_steep_more_is_tolerated() -> None:
     assert feed(steep, 0.05 * place + tolerated, 3, place) is not None
 
 
-def test_beyond_the_last_place_that_is_known_the_reference_goes_on() -> None:
+def test_the_reference_is_extrapolated_beyond_its_last_known_position() -> None:
     """A gate that is a count farther than ever is not trapped."""
     fine = (FINE_TO - FINE_FROM) / FINE
     guard = learned({FINE_FROM + (k + 0.5) * fine: -0.1 * k for k in range(5, 20)})
@@ -237,8 +237,8 @@ def test_beyond_the_last_place_that_is_known_the_reference_goes_on() -> None:
     assert np.isnan(reference_at(guard, bin_at(FINE_FROM + 0.5 * fine, TRAVEL))[0])
 
 
-def test_while_the_wanted_speed_changes_more_is_tolerated() -> None:
-    """By what the inertia may be wrong."""
+def test_the_limit_is_wider_while_the_wanted_speed_changes() -> None:
+    """By the possible error of the inertia."""
     for hidden, is_trapped in ((0.0, True), (1.0, False)):
         guard = learned({HALFWAY: 1.0})
         pass_blank_time(guard)
@@ -249,7 +249,7 @@ def test_while_the_wanted_speed_changes_more_is_tolerated() -> None:
         assert verdict.is_trapped == is_trapped
 
 
-def test_the_seal_is_learned_before_it_is_judged() -> None:
+def test_the_seal_is_judged_only_after_it_was_learned() -> None:
     guard = new_guard()
     begin_run(guard)
     feed(guard, 1.0, 100)
@@ -261,7 +261,7 @@ def test_the_seal_is_learned_before_it_is_judged() -> None:
     assert feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone) is not None
 
 
-def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> None:
+def test_a_learned_reference_is_updated_slowly_by_later_runs() -> None:
     guard = new_guard()
     for load in (1.0, 2.0):
         begin_run(guard)
@@ -281,7 +281,7 @@ def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedb
 
 
 class Controller:
-    """An ECU of one drive by itself, that finds the gate at a count."""
+    """A state machine with one drive alone, which finds the gate at a count."""
 
     def __init__(self, count: float = 1500.0, latched: bool = False) -> None:
         self.memory: EcuMemory = new_memory(1)
@@ -302,7 +302,7 @@ class Controller:
         return [event.text for event in events_since(self.memory, 0)]
 
 
-def test_nothing_is_driven_before_a_request() -> None:
+def test_no_motor_is_driven_before_a_request() -> None:
     controller = Controller(0.0, latched=True)
     command = controller.update(1.0, feedback(0.0, latched=True))
     assert controller.state == memory.CLOSED
@@ -311,7 +311,7 @@ def test_nothing_is_driven_before_a_request() -> None:
     assert not command.latch_release
 
 
-def test_the_latch_is_released_only_while_it_holds() -> None:
+def test_the_latch_is_released_only_while_it_is_engaged() -> None:
     controller = Controller(0.0, latched=True)
     controller.request(memory.REQUEST_OPEN)
     # A request is obeyed from the next cycle on.
@@ -320,7 +320,7 @@ def test_the_latch_is_released_only_while_it_holds() -> None:
     assert not controller.update(0.03, feedback(1.0)).latch_release
 
 
-def test_the_driver_s_stop_brakes_in_the_same_cycle() -> None:
+def test_a_stop_of_the_driver_brakes_in_the_same_cycle() -> None:
     controller = Controller()
     controller.request(memory.REQUEST_CLOSE)
     controller.update(0.01, feedback(1500.0))
@@ -329,7 +329,7 @@ def test_the_driver_s_stop_brakes_in_the_same_cycle() -> None:
     assert controller.update(0.03, feedback(1500.0)).left_duty == 0.0
 
 
-def test_a_gate_found_open_is_stopped_and_can_be_closed() -> None:
+def test_a_gate_found_open_at_start_is_stopped_and_can_be_closed() -> None:
     controller = Controller()
     assert controller.state == memory.STOPPED
     controller.request(memory.REQUEST_CLOSE)
@@ -337,7 +337,7 @@ def test_a_gate_found_open_is_stopped_and_can_be_closed() -> None:
     assert controller.update(0.02, feedback(1500.0)).left_duty < 0.0
 
 
-def test_it_slows_down_before_its_ends() -> None:
+def test_the_wanted_speed_decreases_towards_the_ends() -> None:
     for speeds in C.opening_speed, C.closing_speed:
         assert len(speeds) == len(PLACES)
         assert speed_over(speeds, 0.55) == pytest.approx(0.5 * sum(speeds[6:8]))
@@ -355,7 +355,7 @@ def test_a_blocked_closing_gate_reverses() -> None:
     assert any("reversing" in text for text in controller.texts)
 
 
-def test_requests_that_change_nothing_are_ignored() -> None:
+def test_requests_without_an_effect_are_ignored() -> None:
     controller = Controller(0.0, latched=True)
     for action in (memory.REQUEST_CLOSE, memory.STOP):
         controller.request(action)
@@ -364,7 +364,7 @@ def test_requests_that_change_nothing_are_ignored() -> None:
     assert controller.texts == []
 
 
-def test_the_last_events_are_kept_however_many_there_were() -> None:
+def test_only_the_latest_events_are_kept() -> None:
     controller = Controller()
     for n in range(100):
         controller.request(memory.REQUEST_OPEN if n % 2 else memory.STOP)
@@ -377,12 +377,12 @@ def test_the_last_events_are_kept_however_many_there_were() -> None:
 
 
 def records_of(own: EcuMemory) -> dict[str, Any]:
-    """Return what a memory has in a control cycle, word by word, without events, statuses and the course."""
+    """Return the words of a memory in a control cycle, without events, statuses and checksums over all cycles."""
     names = ("command", "control", "drives", "guards")
     return {name: getattr(own, name).view(np.uint64).reshape(-1) for name in names}
 
 
-def test_two_courses_that_differed_for_one_cycle_in_one_value_are_told_apart() -> None:
+def test_checksums_over_all_cycles_differ_after_one_different_value() -> None:
     left_out = new_memory(2)
     left_out.drives.history[...] = left_out.guards.reference[...] = 1.0
     left_out.guards.total[...], left_out.guards.samples[...] = 1.0, 1
@@ -399,7 +399,7 @@ def test_two_courses_that_differed_for_one_cycle_in_one_value_are_told_apart() -
                 assert np.array_equal(same.course, other.course) == (cycle < 7)
 
 
-def test_what_a_guard_has_collected_is_in_the_course_when_a_motion_ends() -> None:
+def test_checksums_over_all_cycles_include_collected_loads_only_when_a_motion_ends() -> None:
     same, other = new_memory(2), new_memory(2)
     other.guards.total[1, 99] = 1.0
     for has_changed_state in (False, True):
@@ -408,7 +408,7 @@ def test_what_a_guard_has_collected_is_in_the_course_when_a_motion_ends() -> Non
         assert np.array_equal(same.course, other.course) != has_changed_state
 
 
-def test_the_course_is_the_same_in_machine_code() -> None:
+def test_checksums_over_all_cycles_are_the_same_in_machine_code() -> None:
     ours, plain = new_memory(2), new_memory(2)
     random = np.random.default_rng(1)
     for k in range(20):
@@ -421,6 +421,6 @@ def test_the_course_is_the_same_in_machine_code() -> None:
 
 
 @pytest.mark.parametrize(("cycle_ms", "samples"), [(1.0, 5), (5.0, 1), (7.5, 2), (10.0, 2), (20.0, 2)])
-def test_no_single_unfiltered_sample_is_an_obstacle(cycle_ms: float, samples: int) -> None:
-    """With currents every 10 ms, and a voltage in steps of 0.1 V, every second closing was broken off by one."""
+def test_a_single_unfiltered_sample_is_never_an_obstacle(cycle_ms: float, samples: int) -> None:
+    """With currents every 10 ms and a voltage in steps of 0.1 V, one sample stopped every second closing."""
     assert constants_of(C, 1e-3 * cycle_ms).samples == samples

@@ -1,4 +1,4 @@
-"""An ECU at the other end of a bus: in this process, and in one of its own."""
+"""An ECU as a bus peer, in this process and in a process of its own."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Rows = list[tuple[int, bytes]]
 
 
 def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]) -> list[int]:
-    """The times [ms] at which an Echo tells of a request."""
+    """Return the times [ms] at which an Echo reports a request."""
     wire = Wire()
     peer = Peer(adapter, wire, by_the_clock(requests))
     times = []
@@ -51,12 +51,12 @@ def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]
 REQUESTS = [Request(Instant(0.0), "open"), Request(Instant(0.02), "stop")]
 
 
-def test_with_the_gates_clock_requests_count_from_the_start(rig: Rig) -> None:
+def test_with_a_shared_clock_requests_count_from_the_start(rig: Rig) -> None:
     with adapter_for(Echo(), rig, 2) as adapter:
         assert polled(adapter, REQUESTS, {40: [(GATE, bytes(5))]}) == [0, 20]
 
 
-def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_heard(rig: Rig) -> None:
+def test_with_its_own_clock_requests_count_from_the_gates_first_frame(rig: Rig) -> None:
     heard = {
         5: [(0x55, b"x"), (GATE | EXTENDED, bytes(5)), command_frame(rig, 0, **both(0.0, OPEN))],
         40: [(0x56, b""), (GATE, bytes(5))],
@@ -67,7 +67,7 @@ def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_hear
 
 
 @pytest.mark.parametrize("kind", ["reference", "object"])
-def test_a_peer_knows_whether_it_has_heard_the_gate(rig: Rig, kind: str) -> None:
+def test_a_peer_reports_whether_it_has_heard_the_gate(rig: Rig, kind: str) -> None:
     wire = Wire()
     ecu = "reference" if kind == "reference" else ScriptedEcu(lambda turn: [])
     with adapter_for(ecu, rig, 2, shares_clock=False) as adapter:
@@ -89,7 +89,7 @@ def with_drive(rig: Rig, name: str, identifier: int) -> bytes:
     return with_checksum(identifier, rig.messages[name].encode(values))
 
 
-def test_the_reference_ecu_says_at_the_end_that_the_motors_are_off(rig: Rig) -> None:
+def test_the_last_command_of_the_reference_ecu_switches_the_motors_off(rig: Rig) -> None:
     wire = Wire()
     with adapter_for("reference", rig, 2) as adapter:
         Peer(adapter, wire).finish()
@@ -99,14 +99,14 @@ def test_the_reference_ecu_says_at_the_end_that_the_motors_are_off(rig: Rig) -> 
     assert values["LeftDuty"] == values["RightDuty"] == values["LatchRelease"] == 0
 
 
-def test_an_ecu_that_says_nothing_at_the_end_sends_nothing(rig: Rig) -> None:
+def test_an_ecu_without_final_frames_sends_nothing_at_the_end(rig: Rig) -> None:
     wire = Wire()
     with adapter_for(ScriptedEcu(lambda turn: []), rig, 2) as adapter:
         Peer(adapter, wire).finish()
     assert wire.sent == []
 
 
-def test_a_request_after_a_reset_in_the_same_turn_is_made_after_it(rig: Rig) -> None:
+def test_a_request_after_a_reset_in_the_same_step_reaches_the_new_ecu(rig: Rig) -> None:
     with adapter_for("echo_ecu:Echo", rig, 2) as adapter:
         peer = Peer(adapter, wire := Wire())
         peer.poll(0)
@@ -117,7 +117,7 @@ def test_a_request_after_a_reset_in_the_same_turn_is_made_after_it(rig: Rig) -> 
         assert any(identifier >= ECHO_REQUEST for identifier, _ in wire.sent)
 
 
-def test_what_it_does_wrong_is_reported_with_its_time(rig: Rig) -> None:
+def test_a_wrong_answer_of_a_peer_is_reported_with_its_time(rig: Rig) -> None:
     with adapter_for(ScriptedEcu(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
         peer = Peer(adapter, Wire())
         peer.poll(0)
@@ -133,14 +133,14 @@ _groups = itertools.count(os.getpid() % 200)
 
 @pytest.fixture
 def bus(monkeypatch: pytest.MonkeyPatch) -> str:
-    """A multicast group of this test's own, on a port of this process's own: the machine may be shared."""
+    """The address of a multicast group that no other test or process of this machine uses."""
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 44000 + os.getpid() % 4000}))
     return f"udp_multicast:239.75.{next(_groups) % 250}.{os.getpid() % 250 + 1}"
 
 
 @pytest.fixture
 def ecu_on(bus: str) -> Iterator[Any]:
-    """Starts `liftgate-hil ecu`; ended with the test."""
+    """Return a function that starts `liftgate-hil ecu`, which is ended with the test."""
     children = []
 
     def start(*arguments: str) -> subprocess.Popen[str]:
@@ -177,14 +177,14 @@ def test_an_ecu_in_a_process_of_its_own_opens_the_gate_in_lockstep(
     assert result.trace["gate_angle_deg"][-1] > 1.0
 
 
-def test_without_anybody_on_the_bus_lockstep_gives_up(bus: str) -> None:
+def test_lockstep_without_an_ecu_on_the_bus_ends_after_a_time_limit(bus: str) -> None:
     scenario = Scenario(NO_STIMULI, (), 2.0)
     result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=0.3)
     assert result.verdict == "error"
     assert result.reason.startswith("no command for 0.3 s at 0.000 s of model time")
 
 
-def test_an_ecu_in_a_process_of_its_own_says_where_it_is_and_what_it_hears(bus: str, ecu_on: Any) -> None:
+def test_an_ecu_in_a_process_of_its_own_prints_its_bus_and_the_frames_it_receives(bus: str, ecu_on: Any) -> None:
     ecu = ecu_on("--request", "0.2:open")
     group = bus.removeprefix("udp_multicast:")
     assert ecu.stderr.readline() == (

@@ -1,4 +1,4 @@
-"""The reference ECU's diagnostics, asked by udsoncan's client: services, refusals, and what becomes of a code."""
+"""Diagnostics of the reference ECU, tested by udsoncan's client: services, refusals, and status of codes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MS = 1_000_000
 
 
 class Ecu(BaseConnection):
-    """The server at the other end of a wire without a bus, a millisecond a turn."""
+    """A connection of udsoncan to the server without a bus, a millisecond per turn."""
 
     def __init__(self) -> None:
         super().__init__("reference")
@@ -79,7 +79,7 @@ class Ecu(BaseConnection):
                 self.answers.append(message_in(self.link, length))
 
     def said(self, request: str) -> str:
-        """What it answers to bytes."""
+        """Return the answer to a request in hexadecimal."""
         self.answers.clear()
         self.specific_send(bytes.fromhex(request))
         return (self.specific_wait_frame() or b"").hex()
@@ -107,7 +107,7 @@ def codes_of(client: Client, mask: int = 0xFF) -> dict[str, int]:
     return {text_of(each.id): each.status.get_byte_as_int() for each in found.service_data.dtcs}
 
 
-def test_codes_are_read_by_their_status(ecu: Ecu, client: Client) -> None:
+def test_trouble_codes_are_read_by_status_mask(ecu: Ecu, client: Client) -> None:
     assert set(codes_of(client)) == {each.code for each in TROUBLE_CODES.values()}
     assert ecu.frames > 6  # more than a frame holds
     assert set(codes_of(client).values()) == {status.CLEARED}
@@ -119,7 +119,7 @@ def test_codes_are_read_by_their_status(ecu: Ecu, client: Client) -> None:
     assert codes_of(client, 0x80) == {}
 
 
-def test_codes_are_cleared_all_or_one(ecu: Ecu, client: Client) -> None:
+def test_trouble_codes_are_cleared_all_or_one(ecu: Ecu, client: Client) -> None:
     ecu.happens(events.DRIVES_APART, events.FEEDBACK_LOST, events.FALLS)
     client.clear_dtc(number_of("U1A01-87")[0])
     assert set(codes_of(client, 0x09)) == {"B1A01-62", "B1A08-94"}
@@ -132,7 +132,7 @@ def test_codes_are_cleared_all_or_one(ecu: Ecu, client: Client) -> None:
     assert set(codes_of(client).values()) == {status.CLEARED}
 
 
-def test_a_code_fails_and_passes_as_its_test_does(ecu: Ecu) -> None:
+def test_the_status_of_a_code_follows_the_result_of_its_test(ecu: Ecu) -> None:
     statuses = ecu.memory.statuses
 
     def of(event: int) -> int:
@@ -158,7 +158,7 @@ def test_a_code_fails_and_passes_as_its_test_does(ecu: Ecu) -> None:
     assert (statuses >> 9 == 0).all()
 
 
-def test_sessions_end_by_themselves(ecu: Ecu) -> None:
+def test_a_diagnostic_session_ends_by_time_out(ecu: Ecu) -> None:
     assert ecu.said("1003") == "5003003201f4"
     assert ecu.state.head.session[0] == 3
     for _ in range(3):
@@ -182,11 +182,11 @@ def test_sessions_end_by_themselves(ecu: Ecu) -> None:
         ("190200", "59027f"), ("1901ff", "59017f00" + f"{len(TROUBLE_CODES):04x}"),
     ],
 )  # fmt: skip
-def test_what_it_has_not_is_refused(ecu: Ecu, request_: str, answer: str) -> None:
+def test_unsupported_services_and_parameters_are_refused(ecu: Ecu, request_: str, answer: str) -> None:
     assert ecu.said(request_) == answer
 
 
-def test_a_positive_answer_may_be_suppressed(ecu: Ecu) -> None:
+def test_a_positive_response_may_be_suppressed(ecu: Ecu) -> None:
     assert ecu.said("3e80") == ""
     assert ecu.said("1083") == ""
     assert ecu.state.head.session[0] == 3
@@ -194,7 +194,7 @@ def test_a_positive_answer_may_be_suppressed(ecu: Ecu) -> None:
     assert ecu.said("3e81") == "7f3e12"
 
 
-def test_a_hard_reset_is_answered_and_keeps_the_codes() -> None:
+def test_a_hard_reset_is_answered_and_keeps_the_trouble_codes() -> None:
     adapter = ReferenceEcu(shipped_rig(), 2)
     adapter.state.reference.memory.control.travel = 900.0
     note_event(adapter.state.reference.memory, events.FALLS, NO_VERDICT)
@@ -208,7 +208,7 @@ def test_a_hard_reset_is_answered_and_keeps_the_codes() -> None:
     assert asked.state.head.is_resetting[0] == 1
 
 
-def test_a_reset_that_a_tester_asks_for_makes_the_ecu_anew(rig: Rig) -> None:
+def test_a_reset_by_the_tester_restarts_the_ecu(rig: Rig) -> None:
     with ReferenceEcu(rig, 2) as adapter:
         wire = Wire()
         peer = Peer(adapter, wire)
@@ -224,7 +224,7 @@ def test_a_reset_that_a_tester_asks_for_makes_the_ecu_anew(rig: Rig) -> None:
         assert adapter.state.reference.server.head.is_resetting[0] == 0
 
 
-def test_each_failure_has_a_code_of_its_own() -> None:
+def test_each_failure_has_its_own_trouble_code() -> None:
     codes = [each.code for each in TROUBLE_CODES.values()]
     assert len(set(codes)) == len(codes)
     assert all(text_of(number_of(code)[0]) == code for code in codes)
@@ -237,7 +237,7 @@ def test_each_failure_has_a_code_of_its_own() -> None:
     assert not told & set(TROUBLE_CODES)
 
 
-def test_requests_of_any_bytes_are_answered_or_not(ecu: Ecu) -> None:
+def test_random_requests_get_a_valid_response_or_none(ecu: Ecu) -> None:
     rng = np.random.default_rng(3)
     for _ in range(300):
         request = rng.integers(0, 256, rng.integers(1, 12), dtype=np.uint8)

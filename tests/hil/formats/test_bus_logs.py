@@ -1,4 +1,4 @@
-"""Bus logs as vehicles and other tools write them: each line and object is a frame, or it is named."""
+"""Bus logs of vehicles and other tools: each line or object is read as a frame, or reported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from liftgate_hil.testing.rejudge import judge
 
 
 class Read(NamedTuple):
-    """A frame as it was read."""
+    """A frame read from a log, for comparison."""
 
     time_s: float
     identifier: int
@@ -51,7 +51,7 @@ def written(path: Path, *lines: str, end: str = "\n") -> Path:
 
 
 def read(path: Path, *lines: str, how: ReadOptions | None = None) -> tuple[list[Read], tuple[str, ...]]:
-    """Frames that a text gives, and the notes of its reader."""
+    """Return the frames read from a text, and the notes of the reader."""
     log = open_file(written(path, *lines), how=how or ReadOptions())
     return frames_in(log), log.notes
 
@@ -66,7 +66,7 @@ def refusal(path: Path, *lines: str) -> str:
 
 @pytest.fixture
 def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Sets this computer's time zone."""
+    """Return a function that sets this computer's time zone."""
 
     def as_of(name: str) -> None:
         monkeypatch.setenv("TZ", name)
@@ -114,7 +114,7 @@ def as_read(message: can.Message) -> tuple[int, str, bool]:
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".trc"])
-def test_what_python_can_writes_is_read_to_the_last_bit(
+def test_logs_written_by_python_can_are_read_to_the_last_bit(
     suffix: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / f"python-can{suffix}"
@@ -153,7 +153,7 @@ STRANGE = st.text(st.characters(codec="utf-8", exclude_characters="\n\r\0"), min
 
 
 @pytest.mark.parametrize("suffix", TEXTS)
-def test_lines_that_a_format_does_not_define_are_counted_and_the_others_are_read(
+def test_undefined_lines_are_counted_and_all_others_are_read(
     suffix: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / f"strange{suffix}"
@@ -178,9 +178,7 @@ def test_lines_that_a_format_does_not_define_are_counted_and_the_others_are_read
 
 
 @pytest.mark.parametrize("suffix", TEXTS)
-def test_a_whole_last_line_without_its_end_is_a_frame_and_a_part_of_one_is_none(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_last_line_without_a_line_end_is_read_only_if_it_is_complete(tmp_path: Path, suffix: str) -> None:
     head, form = TEXTS[suffix]
     lines = [form.format(0.01 * k, 0x100, k) for k in range(3)]
     path = written(tmp_path / f"m{suffix}", *head, *lines, end="")
@@ -200,7 +198,7 @@ def test_a_whole_last_line_without_its_end_is_a_frame_and_a_part_of_one_is_none(
 HEAD = ("date Mon Sep 29 01:00:00.000 pm 2025", "base hex  timestamps absolute", "no internal events logged")
 
 
-def test_relative_timestamps_of_asc_are_added_up(tmp_path: Path) -> None:
+def test_relative_timestamps_of_asc_are_accumulated(tmp_path: Path) -> None:
     found, _ = read(
         tmp_path / "m.asc", HEAD[0], "base hex  timestamps relative", HEAD[2],
         "0.010000 1 123 Rx d 1 01", "0.500000 Start of measurement", "0.003000 1 123 Rx d 1 02",
@@ -208,7 +206,7 @@ def test_relative_timestamps_of_asc_are_added_up(tmp_path: Path) -> None:
     assert [each.time_s for each in found] == [0.01, 0.513]
 
 
-def test_what_asc_holds_besides_frames_is_known_or_named(tmp_path: Path) -> None:
+def test_entries_of_asc_other_than_frames_are_known_or_reported_by_kind(tmp_path: Path) -> None:
     found, notes = read(
         tmp_path / "m.asc", *HEAD, "Begin Triggerblock Mon Sep 29 01:00:00.000 pm 2025",
         "   0.000000 Start of measurement", "0.000000 CANFD Start of measurement",
@@ -244,14 +242,14 @@ def test_what_asc_holds_besides_frames_is_known_or_named(tmp_path: Path) -> None
         "0.02 CANFD 1 foo ErrorFrame",
     ],
 )  # fmt: skip
-def test_a_line_of_asc_that_no_form_covers_is_counted_and_the_others_are_read(tmp_path: Path, line: str) -> None:
+def test_an_undefined_line_of_asc_is_counted_and_the_others_are_read(tmp_path: Path, line: str) -> None:
     found, notes = read(tmp_path / "m.asc", *HEAD, "0.01 1 120 Rx d 1 01", line, "0.03 1 120 Rx d 1 03")
     assert [each.payload for each in found] == ["01", "03"]
     (note,) = notes
     assert note.startswith("1 line left out (not understood), the first in line 5: ")
 
 
-def test_two_buses_are_named_and_one_is_chosen(tmp_path: Path) -> None:
+def test_a_log_of_two_buses_needs_the_choice_of_one(tmp_path: Path) -> None:
     lines = ["0.01 1 120 Rx d 1 00", "0.02 2 120 Rx d 1 01", "0.03 CANFD 2 Rx 121 1 0 9 12 " + "01 " * 12]
     path = tmp_path / "m.asc"
     assert refusal(path, *HEAD, *lines) == (
@@ -264,7 +262,7 @@ def test_two_buses_are_named_and_one_is_chosen(tmp_path: Path) -> None:
         read(path, *HEAD, *lines, how=read_options("can7"))
 
 
-def test_names_of_messages_and_numbers_in_a_canfd_line(tmp_path: Path) -> None:
+def test_canfd_lines_may_have_message_names_and_further_numbers(tmp_path: Path) -> None:
     data = " ".join(f"{k:02x}" for k in range(12))
     tail = "102203 130 303000 c8a4f2f9 46500250 4b140250 20012507 2001040d"
     found, notes = read(
@@ -291,14 +289,14 @@ def test_names_of_messages_and_numbers_in_a_canfd_line(tmp_path: Path) -> None:
         "Mo Sep 29 13:00:00.0 2025", "Mon Sep 29 01:00:00 PM 2025", "2025-09-29 13:00:00",
     ],
 )  # fmt: skip
-def test_headers_state_local_time(tmp_path: Path, zone: Any, stated: str) -> None:
+def test_header_times_are_local_time(tmp_path: Path, zone: Any, stated: str) -> None:
     zone("Asia/Shanghai")
     path = written(tmp_path / "m.asc", *HEAD, f"Begin Triggerblock {stated}", "0.01 1 120 Rx d 1 00")
     assert open_file(path).start_ns == 1_759_122_000 * 10**9
     assert open_file(path, how=read_options(timezone="UTC")).start_ns == (1_759_122_000 + 8 * 3600) * 10**9
 
 
-def test_a_date_that_is_not_understood_is_noted_and_not_1970(tmp_path: Path) -> None:
+def test_an_unknown_date_format_is_noted_and_gives_no_wall_clock(tmp_path: Path) -> None:
     path = written(tmp_path / "m.asc", *HEAD, "Begin Triggerblock lun. 29 sept. 2025", "0.01 1 120 Rx d 1 00")
     log = open_file(path)
     assert log.start_ns == 0
@@ -306,7 +304,7 @@ def test_a_date_that_is_not_understood_is_noted_and_not_1970(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc"])
-def test_what_we_write_has_local_time_and_is_read_so(tmp_path: Path, zone: Any, suffix: str) -> None:
+def test_written_headers_have_local_time_and_are_read_as_such(tmp_path: Path, zone: Any, suffix: str) -> None:
     zone("America/New_York")
     source = written(tmp_path / "m.log", "(1759122000.123000) can0 120#00")
     convert(source, tmp_path / f"m{suffix}")
@@ -357,7 +355,7 @@ def test_every_version_of_trc_is_read(tmp_path: Path) -> None:
 
 
 def blf(path: Path, *objects: bytes, inside: Sequence[bytes] = ()) -> Path:
-    """A file with objects outside of a container, and others inside one that is not compressed."""
+    """Write a BLF file with objects outside a container, and others inside an uncompressed one."""
     body = b"".join(inside)
     held = struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(body), 10, 0, len(body)) + body if inside else b""
     content = b"".join(objects) + held
@@ -375,7 +373,7 @@ def blf_message(number: int, flags: int = 0, stamp_ns: int = 0, channel: int = 1
     return blf_object(1, struct.pack("<HBBL8s", channel, flags, 2, number, b"\1\2"), stamp_ns)
 
 
-def test_objects_of_blf_inside_and_outside_of_containers_are_read_or_named(tmp_path: Path) -> None:
+def test_objects_of_blf_inside_and_outside_containers_are_read_or_reported(tmp_path: Path) -> None:
     path = blf(
         tmp_path / "m.blf", blf_message(0x100, 0, -500_000_000), blf_message(0x101, 1), blf_message(0x102, 2),
         blf_object(11, b"lin"), blf_object(4, b"statistics"), blf_object(999, b"new"), blf_object(2, b"\1\0\0\0"),
@@ -393,14 +391,14 @@ def test_objects_of_blf_inside_and_outside_of_containers_are_read_or_named(tmp_p
     )
 
 
-def test_an_identifier_of_blf_with_too_many_bits_is_not_understood(tmp_path: Path) -> None:
+def test_an_identifier_of_blf_with_too_many_bits_is_left_out(tmp_path: Path) -> None:
     messages = [blf_message(number) for number in (0x100, 0x15555555, 0xF5555555, 0x95555555)]
     log = open_file(blf(tmp_path / "m.blf", *messages))
     assert [each.identifier for each in frames_in(log)] == [0x100, 0x15555555 | EXTENDED]
     assert log.notes == ("2 objects left out (not understood), the first in object 2",)
 
 
-def test_a_damaged_blf_is_refused_in_our_own_words_and_one_that_was_cut_off_is_read(tmp_path: Path) -> None:
+def test_a_damaged_blf_is_refused_and_a_truncated_one_is_read(tmp_path: Path) -> None:
     path = tmp_path / "m.blf"
     head = blf(path).read_bytes()
     packed = zlib.compress(b"".join(blf_message(number) for number in range(0x700)))
@@ -430,7 +428,7 @@ def test_a_damaged_blf_is_refused_in_our_own_words_and_one_that_was_cut_off_is_r
 # candump.
 
 
-def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
+def test_all_forms_of_candump_lines_are_read_or_reported(tmp_path: Path) -> None:
     path = tmp_path / "m.log"
     found, notes = read(
         path, "(1607120998.528012) can0 123#1122334455667788_B", "(1607120998.628012) can0 123##D0200 T",
@@ -453,9 +451,7 @@ def test_forms_of_candump_are_read_or_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("digits", [10, 20, 400])
 @pytest.mark.parametrize("form", ["can0 123#01", "can0 123#01 a remark"])  # the second is read line by line
-def test_a_time_of_candump_that_no_frame_can_have_is_not_understood(
-    tmp_path: Path, digits: int, form: str
-) -> None:
+def test_a_candump_line_with_an_impossible_time_is_left_out(tmp_path: Path, digits: int, form: str) -> None:
     lines = ["(1.000000) can0 123#02", f"({'9' * digits}.000000) {form}", "(2.000000) can0 123#03"]
     found, notes = read(tmp_path / "m.log", *lines)
     assert [each.payload for each in found] == ["02", "03"]
@@ -474,7 +470,7 @@ def test_a_time_of_candump_that_no_frame_can_have_is_not_understood(
         (["version https://git-lfs.github.com/spec/v1", "oid sha256:00"], "Git LFS"),
     ],
 )  # fmt: skip
-def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str], said: str) -> None:
+def test_other_formats_with_the_suffix_log_are_reported(tmp_path: Path, lines: list[str], said: str) -> None:
     assert said in refusal(tmp_path / "m.log", *lines)
 
 
@@ -486,7 +482,7 @@ def test_other_forms_under_our_ending_are_named(tmp_path: Path, lines: list[str]
         ("m.txt", "166.064000 CXX GVRET-PC Reverse Engineering Tool Output V138", "is a CRTD log"),
     ],
 )
-def test_logs_of_other_tools_under_the_ending_of_a_table_are_named(
+def test_bus_logs_of_other_tools_with_the_suffix_of_a_table_are_reported_by_name(
     tmp_path: Path, name: str, line: str, said: str
 ) -> None:
     (tmp_path / name).write_text(f"{line}\n166064000,0000021A,false,Rx,0,2,FE,36\n")
@@ -497,7 +493,7 @@ def test_logs_of_other_tools_under_the_ending_of_a_table_are_named(
 # Two logs of one run whose headers are in different zones.
 
 
-def test_logs_that_are_whole_hours_apart_are_refused(tmp_path: Path, zone: Any) -> None:
+def test_logs_that_differ_by_whole_hours_are_refused_as_of_different_time_zones(tmp_path: Path, zone: Any) -> None:
     zone("Asia/Shanghai")
     scenario = tmp_path / "s.toml"
     scenario.write_text('duration = 0.5\n[[expect]]\nname = "x"\nalways = "Gate.Angle < 90"\n', encoding="utf-8")
@@ -512,7 +508,7 @@ def test_logs_that_are_whole_hours_apart_are_refused(tmp_path: Path, zone: Any) 
 @pytest.mark.parametrize(
     ("attribute", "own", "expected"), [("1", "", True), ("0", "", False), ("0", "true", True)]
 )
-def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
+def test_can_fd_frames_have_brs_where_database_or_rig_say_so(
     tmp_path: Path, attribute: str, own: str, expected: bool
 ) -> None:
     (tmp_path / "fd.dbc").write_text(
@@ -538,14 +534,14 @@ def test_the_gate_sends_with_brs_where_database_or_rig_says_so(
     assert shown == {"Cmd": "classic", "Sens": "CAN FD with BRS" if expected else "CAN FD"}
 
 
-def test_a_log_of_comments_and_statistics_says_that_it_holds_no_more(tmp_path: Path) -> None:
+def test_a_log_without_frames_is_refused_with_what_it_contains(tmp_path: Path) -> None:
     counted = "   1.000000 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%"
     said = refusal(tmp_path / "t.asc", *HEAD[:2], "// a comment", counted)
     assert "neither rows nor frames, at most comments, statistics, markers" in said
 
 
 @pytest.mark.parametrize("date", ["Mon Sep 29 13:00:00.250 2025", "Mon Sep 29 01:00:00.250 pm 2025"])
-def test_the_date_counts_where_no_block_states_one(tmp_path: Path, date: str) -> None:
+def test_the_date_of_asc_is_used_where_no_trigger_block_has_one(tmp_path: Path, date: str) -> None:
     rest = "base hex timestamps absolute", "0.01 1 120 Rx d 1 00"
     path = written(tmp_path / "m.asc", f"date {date}", *rest)
     assert open_file(path, how=read_options(timezone="UTC")).start_ns == 1_759_150_800_250_000_000
@@ -553,7 +549,7 @@ def test_the_date_counts_where_no_block_states_one(tmp_path: Path, date: str) ->
     assert open_file(path).notes == ("its date 'yesterday' is not understood: no wall clock applies",)
 
 
-def test_the_start_of_a_trc_of_version_1_0_is_in_words(tmp_path: Path) -> None:
+def test_the_start_time_of_trc_1_0_is_read_from_its_text(tmp_path: Path) -> None:
     path = tmp_path / "m.trc"
     lines = [";   Start time: {}", ";-----", "     1)      1059.9  0300  7  00 00 00 00 04 00 00", ""]
     path.write_text("\n".join(lines).format("29.09.2025 13:00:00.123.0"))

@@ -1,4 +1,4 @@
-"""MF4 files as other programs and loggers write them: conversions, invalid samples, unfinished files, MDF 3."""
+"""MF4 files of other programs and loggers: conversions, invalid samples, unfinished files, MDF 3."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def rows_of(path: Path, name: str) -> list[float]:
 RAW = np.array([65534, 2000, 2000, 65535, 3000, 3000], dtype="u2")
 
 
-def test_a_text_of_a_scaled_signal_is_no_number_and_is_counted(tmp_path: Path) -> None:
-    """As a database's labels for single values become value texts."""
+def test_a_value_text_of_a_scaled_signal_counts_as_missing_and_is_counted(tmp_path: Path) -> None:
+    """A database's labels for single values are stored as value texts."""
     path = saved(tmp_path / "m.mf4", [channel("Angle", RAW, INIT | default(LINEAR))])
     assert read(path, "Angle") == [20.0, 20.0, 30.0, 30.0]
     assert rows_of(path, "Angle") == pytest.approx([np.nan, 20.0, 20.0, np.nan, 30.0, 30.0], nan_ok=True)
@@ -68,9 +68,7 @@ def test_a_text_of_a_scaled_signal_is_no_number_and_is_counted(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("conversion", "unit"), [(INIT | default(LINEAR), "deg"), (INIT, "deg"), (INIT, "")])
-def test_a_signal_that_is_a_text_throughout_is_refused(
-    tmp_path: Path, conversion: dict[str, Any], unit: str
-) -> None:
+def test_a_signal_with_only_value_texts_is_refused(tmp_path: Path, conversion: dict[str, Any], unit: str) -> None:
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.full(6, 65534, dtype="u2"), conversion, unit)])
     with pytest.raises(ConfigError, match="no numbers, only value texts or invalid samples"):
         read(path, "Angle")
@@ -78,7 +76,7 @@ def test_a_signal_that_is_a_text_throughout_is_refused(
 
 
 @pytest.mark.parametrize("first", [0, 1])
-def test_the_names_of_a_state_leave_its_numbers_from_wherever_they_count(tmp_path: Path, first: int) -> None:
+def test_a_state_with_value_texts_is_read_as_its_numbers(tmp_path: Path, first: int) -> None:
     raw = np.array([0, 1, 1, 0, 0, 1], dtype="u1") + first
     states = {"val_0": float(first), "text_0": b"closed", "val_1": 1.0 + first, "text_1": b"open"}
     path = saved(tmp_path / "m.mf4", [channel("Latch", raw, states, "")])
@@ -92,14 +90,14 @@ def test_a_numeric_conversion_is_applied(tmp_path: Path, conversion: dict[str, f
     assert read(path, "Angle") == rows_of(path, "Angle") == expected
 
 
-def test_an_invalid_sample_is_no_value_in_any_command(tmp_path: Path) -> None:
+def test_an_invalid_sample_counts_as_missing_in_every_command(tmp_path: Path) -> None:
     bits = np.array([False, True, False, False, True, False])
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0), invalidation_bits=bits)])
     assert read(path, "Angle") == [0.0, 2.0, 3.0, 5.0]
     assert rows_of(path, "Angle") == pytest.approx([0.0, np.nan, 2.0, 3.0, np.nan, 5.0], nan_ok=True)
 
 
-def test_a_channel_that_is_no_number_is_noted_and_left_out(tmp_path: Path) -> None:
+def test_a_non_numeric_channel_is_left_out_with_a_note(tmp_path: Path) -> None:
     text = channel("Remark", np.array([b"a"] * 6), unit="", encoding="utf-8")
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0)), text])
     recording = open_recording(path)
@@ -109,7 +107,7 @@ def test_a_channel_that_is_no_number_is_noted_and_left_out(tmp_path: Path) -> No
         read(path, "Remark")
 
 
-def test_channels_of_one_name_have_that_of_their_group(tmp_path: Path) -> None:
+def test_channels_with_the_same_name_get_the_names_of_their_groups(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="4.10") as measured:
         for group, value in (("Motor A", 1.0), ("Motor B", 2.0)):
@@ -119,7 +117,7 @@ def test_channels_of_one_name_have_that_of_their_group(tmp_path: Path) -> None:
     assert read(path, "Motor B.I") == [2.0] * 6
 
 
-def test_mdf_3_is_named_with_what_to_do(tmp_path: Path) -> None:
+def test_mdf_3_is_refused_with_how_to_convert_it(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="3.30") as measured:
         measured.append([channel("Angle", np.arange(6.0))])
@@ -130,14 +128,14 @@ def test_mdf_3_is_named_with_what_to_do(tmp_path: Path) -> None:
             open_file(name)
 
 
-def test_mdf_4_under_another_ending_is_named(tmp_path: Path) -> None:
+def test_an_mf4_file_with_another_suffix_is_reported(tmp_path: Path) -> None:
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).rename(tmp_path / "m.dat")
     with pytest.raises(ConfigError, match=r"m\.dat: is MDF; allowed: a name that ends in \.mf4"):
         open_file(path)
 
 
 @pytest.mark.parametrize("is_finished", [True, False])
-def test_a_file_that_was_cut_off_anywhere_is_refused_in_our_own_words(tmp_path: Path, is_finished: bool) -> None:
+def test_a_file_truncated_anywhere_is_refused(tmp_path: Path, is_finished: bool) -> None:
     whole = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))]).read_bytes()
     if not is_finished:  # the length of the last block of data is missing, too (bit 2)
         whole = b"UnFinMF " + whole[8:60] + bytes([0b101]) + whole[61:]
@@ -151,7 +149,7 @@ def test_a_file_that_was_cut_off_anywhere_is_refused_in_our_own_words(tmp_path: 
     assert said == {f"{path}: cannot be read: truncated or damaged"}
 
 
-def test_an_unfinished_file_without_its_data_is_refused_and_nothing_else_is_printed(
+def test_an_unfinished_file_without_its_data_is_refused_without_other_output(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])
@@ -165,15 +163,15 @@ def test_an_unfinished_file_without_its_data_is_refused_and_nothing_else_is_prin
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_is_no_mdf_is_refused_as_none(tmp_path: Path) -> None:
+def test_a_file_that_is_no_mdf_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     path.write_bytes(b"time_s,angle_deg\n" * 20)
     with pytest.raises(ConfigError, match="cannot be read: no MDF file; allowed: one that begins with MDF"):
         open_file(path)
 
 
-def test_a_file_that_its_logger_has_not_finished_is_read_and_left_as_it_is(tmp_path: Path) -> None:
-    """The identification says so, and the count of records is missing (ASAM MDF 4.1, unfinalized flags)."""
+def test_an_unfinalized_file_of_a_logger_is_read_and_not_modified(tmp_path: Path) -> None:
+    """Its identification says so, and the count of records is missing (ASAM MDF 4.1, unfinalized flags)."""
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])
     content = bytearray(path.read_bytes())
     content[:8], content[60] = b"UnFinMF ", 0b1
@@ -182,7 +180,7 @@ def test_a_file_that_its_logger_has_not_finished_is_read_and_left_as_it_is(tmp_p
     assert path.read_bytes() == content
 
 
-def test_channels_of_one_name_in_one_group_are_all_there(tmp_path: Path) -> None:
+def test_channels_with_the_same_name_in_one_group_are_all_read(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="4.10") as measured:
         measured.append([channel("Angle", np.full(6, value)) for value in (1.0, 2.0)], common_timebase=True)
@@ -193,7 +191,7 @@ def test_channels_of_one_name_in_one_group_are_all_there(tmp_path: Path) -> None
     assert read(path, "group 0.Angle") == [3.0] * 6
 
 
-def test_times_in_another_unit_than_seconds_are_refused(tmp_path: Path) -> None:
+def test_a_group_with_times_in_another_unit_than_seconds_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "m.mf4"
     with asammdf.MDF(version="4.10") as measured:
         measured.append([channel("Angle", np.arange(6.0))])
@@ -202,8 +200,8 @@ def test_times_in_another_unit_than_seconds_are_refused(tmp_path: Path) -> None:
     assert "group 0 left out: its times are in 'ms'; allowed: s" in open_file(path).notes
 
 
-def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conversions(tmp_path: Path) -> None:
-    """As a CANedge writes a group for each bus, direction and kind of identifier, and stores an index there."""
+def test_constant_frame_fields_are_read_from_the_conversions_of_their_group(tmp_path: Path) -> None:
+    """A CANedge writes a group for each bus, direction and kind of identifier, and stores an index there."""
     path, index = tmp_path / "m.mf4", np.arange(6)
     lengths = np.array([0, 1, 8, 9, 10, 15], "u1")
     stored = {
@@ -237,8 +235,8 @@ def test_fields_of_frames_that_are_constants_of_their_group_come_from_their_conv
     assert frames["payload"][3].tolist() == [7] * 12 + [0] * 52
 
 
-def test_frames_beside_channels_of_several_groups_are_a_recording(tmp_path: Path) -> None:
-    """As CANape and python-can write them, with the decoded signals beside."""
+def test_a_file_with_frames_and_signals_of_several_groups_is_read_as_frames(tmp_path: Path) -> None:
+    """CANape and python-can write such files, with the decoded signals beside the frames."""
     import can
 
     path = tmp_path / "m.mf4"

@@ -1,4 +1,4 @@
-"""Tables as other programs write them: comments, no header, dates, encodings."""
+"""Tables of other programs: comments, missing headers, dates, encodings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from liftgate_hil.measurement.table import read_table
 
 
 def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, FileColumn]:
-    """The columns of a file. Raises ConfigError with all issues."""
+    """Return the columns of a file. Raises ConfigError with all issues."""
     file = open_file(path, how=ReadOptions(zone=None if zone is None else ZoneInfo(zone)))
     issues: list[str] = []
     found = file.read(names, issues)
@@ -36,15 +36,15 @@ def written(folder: Path, text: str, encoding: str = "utf-8", name: str = "t.csv
     return path
 
 
-def test_comments_are_no_rows_wherever_they_stand(tmp_path: Path) -> None:
+def test_comments_anywhere_in_a_table_are_skipped(tmp_path: Path) -> None:
     path = written(tmp_path, "# by a logger\n\n// 1,2\ntime_s,F\n0,1\n# 7,7\n  % 8,8\n1,2\n#end")
     found = series_in(path, "time_s", "F")
     assert found["time_s"].values.tolist() == [0.0, 1.0]
     assert found["F"].values.tolist() == [1.0, 2.0]
 
 
-def test_the_last_comment_is_the_header_where_no_other_is(tmp_path: Path) -> None:
-    """As numpy's savetxt writes it."""
+def test_the_last_comment_is_the_header_where_there_is_no_other(tmp_path: Path) -> None:
+    """As written by numpy's savetxt."""
     path = tmp_path / "t.csv"
     np.savetxt(path, [[0.0, 1.0], [1.0, 2.0]], delimiter=",", header="made by numpy\nt,F (kN)")
     file = open_file(path)
@@ -57,7 +57,7 @@ def test_the_last_comment_is_the_header_where_no_other_is(tmp_path: Path) -> Non
     ("text", "values"),
     [("0,5\n1,6\n", [5.0, 6.0]), ("0,5;1,5\n1,5;2\n", [1.5, 2.0]), ("# a\n0\t5\n1\t6\n", [5.0, 6.0])],
 )
-def test_columns_without_a_header_have_numbers(tmp_path: Path, text: str, values: list[float]) -> None:
+def test_columns_without_a_header_are_named_by_numbers(tmp_path: Path, text: str, values: list[float]) -> None:
     path = written(tmp_path, text)
     file = open_file(path)
     assert list(file.names) == ["1", "2"]
@@ -67,13 +67,13 @@ def test_columns_without_a_header_have_numbers(tmp_path: Path, text: str, values
 
 
 @pytest.mark.parametrize("text", ["0 1 2\n1 2 3\n", "t F\n0 1\n1 2\n"])
-def test_blanks_between_cells_are_named(tmp_path: Path, text: str) -> None:
+def test_a_table_separated_by_blanks_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError, match="cells separated by blanks; allowed: by commas, semicolons or tabs"):
         open_file(written(tmp_path, text))
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
-def test_a_text_that_excel_calls_unicode_is_read(tmp_path: Path, encoding: str) -> None:
+def test_unicode_text_saved_by_excel_is_read(tmp_path: Path, encoding: str) -> None:
     path = written(tmp_path, "time_s\tWinkel [°]\r\n0\t1,5\r\n1\t2,5", encoding, "t.txt")
     assert series_in(path, "Winkel [°]")["Winkel [°]"].values.tolist() == [1.5, 2.5]
 
@@ -90,10 +90,10 @@ def test_a_text_that_excel_calls_unicode_is_read(tmp_path: Path, encoding: str) 
         (("23:59:59.9", "0:00:00.1"), 0.2, 0),
     ],
 )
-def test_dates_are_seconds_from_the_first_one(
+def test_dates_are_converted_to_seconds_from_the_first_one(
     tmp_path: Path, cells: tuple[str, str], seconds: float, epoch_ns: int
 ) -> None:
-    """The wall clock is that of the zone, which is eight hours ahead of UTC."""
+    """The wall clock is in the given time zone, eight hours ahead of UTC."""
     path = written(tmp_path, "Time;F\n" + "".join(f"{cell};1\n" for cell in cells))
     found = series_in(path, "Time", zone="Asia/Shanghai")["Time"]
     assert found.values.tolist() == [0.0, pytest.approx(seconds, rel=1e-12)]
@@ -102,20 +102,20 @@ def test_dates_are_seconds_from_the_first_one(
 
 
 @pytest.mark.parametrize("cell", ["x", "13:00:00", "2025-09-29T13:00:00Z", "2025-13-29 13:00:00"])
-def test_a_cell_of_another_form_is_named(tmp_path: Path, cell: str) -> None:
+def test_a_date_of_another_form_than_the_first_one_is_reported(tmp_path: Path, cell: str) -> None:
     path = written(tmp_path, f"t,F\n2025-09-29 13:00:00,1\n{cell},2\n")
     with pytest.raises(ConfigError, match=r"t: .* in row 2; allowed: as in the first row"):
         series_in(path, "t")
 
 
-def test_a_date_whose_day_may_be_its_month_is_none(tmp_path: Path) -> None:
+def test_a_date_with_ambiguous_day_and_month_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "t,F\n09/10/2025 13:00:00,1\n")
     with pytest.raises(ConfigError, match="or a date in each row, such as 2025-09-29"):
         series_in(path, "t")
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_more_columns_than_anybody_looks_at_are_refused(tmp_path: Path, kind: str) -> None:
+def test_more_than_20000_columns_are_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"t.{kind}"
     names = [f"c{k}" for k in range(20_001)]
     if kind == "csv":
@@ -127,7 +127,7 @@ def test_more_columns_than_anybody_looks_at_are_refused(tmp_path: Path, kind: st
 
 
 @pytest.mark.parametrize("unit", ["ns", "us", "ms", "s"])
-def test_timestamps_in_parquet_are_seconds_from_the_first_one(tmp_path: Path, unit: str) -> None:
+def test_timestamps_in_parquet_are_converted_to_seconds_from_the_first_one(tmp_path: Path, unit: str) -> None:
     path = tmp_path / "t.parquet"
     times = np.array(["2025-09-29T05:00:00", "2025-09-29T05:00:02"], dtype=f"datetime64[{unit}]")
     spans = np.array([0, 1], dtype=f"timedelta64[{unit}]")
@@ -147,7 +147,7 @@ def test_timestamps_in_parquet_are_seconds_from_the_first_one(tmp_path: Path, un
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
-def test_a_wall_clock_in_parts_of_a_second_is_named(tmp_path: Path, factor: float, unit: str) -> None:
+def test_wall_clocks_in_ms_us_or_ns_are_reported(tmp_path: Path, factor: float, unit: str) -> None:
     rows = "".join(f"{int((1_759_150_800 + k) * factor)},1\n" for k in range(3))
     path = written(tmp_path, f"time_s,pinch_force_n\n{rows}")
     (tmp_path / "s.toml").write_text('description = "x"\n[[expect]]\nname = "a"\nnever = "pinch_force_n > 5"\n')
@@ -156,14 +156,14 @@ def test_a_wall_clock_in_parts_of_a_second_is_named(tmp_path: Path, factor: floa
 
 
 @pytest.mark.parametrize("name", ["Speed, left", 'a "b"', "a;b"])
-def test_a_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> None:
+def test_a_column_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> None:
     source = tmp_path / "t.parquet"
     parquet.write_table(pyarrow.table({"time_s": [0.0, 1.0], name: [1.0, 2.0]}), source)
     assert main(["convert", str(source), str(tmp_path / "t.csv")]) == 0
     assert series_in(tmp_path / "t.csv", name)[name].values.tolist() == [1.0, 2.0]
 
 
-def test_minutes_that_may_be_hours_are_named(tmp_path: Path) -> None:
+def test_times_that_may_be_minutes_or_hours_are_noted(tmp_path: Path) -> None:
     file = open_file(written(tmp_path, "t,F\n00:01,1\n00:02,2\n"))
     assert file.notes == ("t: 00:01 is read as hours and minutes",)
     assert series_in(file.path, "t")["t"].values.tolist() == [0.0, 60.0]
@@ -171,7 +171,7 @@ def test_minutes_that_may_be_hours_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("column", ["t[ms]", "t*1000"])
-def test_dates_have_no_other_unit(tmp_path: Path, column: str) -> None:
+def test_a_unit_for_a_column_of_dates_is_refused(tmp_path: Path, column: str) -> None:
     path = written(tmp_path, "t,voltage_v,I\n" + "".join(f"2025-09-29 13:00:{k:02},6,1\n" for k in range(60)))
     (tmp_path / "s.toml").write_text('[[expect]]\nname = "a"\nalways = "left_current_a < 2"\n')
     maps = [f"time_s={column}", "left_current_a=I"]
@@ -184,13 +184,13 @@ def test_dates_have_no_other_unit(tmp_path: Path, column: str) -> None:
 
 
 @pytest.mark.parametrize("target", ["t.mcap", "t.mf4", "t.parquet"])
-def test_dates_keep_their_wall_clock_in_another_format(tmp_path: Path, target: str) -> None:
+def test_dates_keep_their_wall_clock_after_a_conversion(tmp_path: Path, target: str) -> None:
     path = written(tmp_path, "time_s,F\n2025-09-29 13:00:00Z,1\n2025-09-29 13:00:01Z,2\n", name="d.csv")
     assert main(["convert", str(path), str(tmp_path / target)]) == 0
     assert open_file(tmp_path / target).start_ns == 1_759_150_800 * 10**9
 
 
-def test_columns_without_a_name_are_left_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unnamed_columns_are_left_out_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path, "time_s,,F\n1,2,3\n2,3,3\n")
     assert main(["convert", str(path), str(tmp_path / "t.mf4")]) == 0
     assert "columns without a name are left out" in capsys.readouterr().err
@@ -201,7 +201,7 @@ LARGE = [2**53, 2**53 + 1, -(2**63), 2**53 + 3, 5]  # of which two have more bit
 
 
 @pytest.mark.parametrize("form", ["csv", "semicolons.csv", "mf4", "parquet", "nulls.parquet"])
-def test_integers_that_no_float_holds_are_rounded_with_a_note(tmp_path: Path, form: str) -> None:
+def test_integers_beyond_float_precision_are_rounded_with_a_note(tmp_path: Path, form: str) -> None:
     path = tmp_path / f"m.{form}"
     if form == "mf4":
         asammdf = pytest.importorskip("asammdf")
@@ -227,7 +227,7 @@ def test_integers_that_no_float_holds_are_rounded_with_a_note(tmp_path: Path, fo
     "cell", ["nan", "NaN", "NA", "N/A", "#N/A", "null", "NULL", "None", "<NA>", "-nan", " NaN "]
 )
 @pytest.mark.parametrize("more", ["", ",bath none"])
-def test_words_for_no_value_are_empty_cells(tmp_path: Path, cell: str, more: str) -> None:
+def test_words_for_missing_values_are_read_as_empty_cells(tmp_path: Path, cell: str, more: str) -> None:
     extra = ",text" if more else ""
     path = written(tmp_path, f"time_s,F,G{extra}\n0,1,{cell}{more}\n1,{cell},2{more}\n2,{cell},{cell}{more}\n")
     found = series_in(path, "F", "G")
@@ -235,8 +235,8 @@ def test_words_for_no_value_are_empty_cells(tmp_path: Path, cell: str, more: str
     np.testing.assert_array_equal(found["G"].values, [np.nan, 2.0, np.nan])
 
 
-def test_points_that_may_group_thousands_are_named(tmp_path: Path) -> None:
-    """As Excel writes 18 400 mA in German."""
+def test_points_that_may_be_thousands_separators_are_noted(tmp_path: Path) -> None:
+    """Excel writes 18 400 mA as 18.400 in German."""
     rows = [f"{k};{'18.400' if k == 5 else 900 + k}" for k in range(10)]
     file = open_file(written(tmp_path, "\n".join(["t;I [mA]", *rows, ""])))
     assert file.notes == ("18.400 is read as 18.4, not with thousands",)

@@ -1,4 +1,4 @@
-"""MCAP as it is written, read by the format's own reader and by Python's JSON."""
+"""The MCAP writer, tested by the official reader and by Python's JSON."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COLUMN = list(COLUMNS).index("left_current_a")
 
 
 class Kept(io.BytesIO):
-    """A file in memory that stays open, so that its content can be read."""
+    """A file in memory that stays open after it was closed, so that its content can be read."""
 
     def close(self) -> None:
         pass
@@ -47,8 +47,8 @@ def as_read(value: float) -> float | None:
     st.lists(st.lists(NUMBERS, min_size=3, max_size=3), min_size=1, max_size=6),
     st.lists(st.booleans(), min_size=3, max_size=3),
 )
-def test_rows_are_what_json_makes_of_them(rows: list[list[float]], whole: list[bool]) -> None:
-    """Also of what is not finite, or an integer that is too large."""
+def test_rows_read_back_by_pythons_json_are_equal(rows: list[list[float]], whole: list[bool]) -> None:
+    """Also values that are not finite, and integers that are too large."""
     array = np.array([[2.0**10 + k, *row] for k, row in enumerate(rows)])
     array[:, 1:][:, whole] = np.round(array[:, 1:][:, whole])
     signals = [Signal("", -1.0, 1.0, "", is_whole=each) for each in (False, *whole)]
@@ -74,7 +74,7 @@ def test_rows_are_what_json_makes_of_them(rows: list[list[float]], whole: list[b
 
 
 def record(stream: Any, content: Content = BOTH) -> tuple[McapWriter, np.ndarray]:
-    """A file of several chunks, with rows of which some are no numbers, and frames between them; its rows."""
+    """Write a file of several chunks, with rows that include NaN, and frames between them; return its rows."""
     parts = [rows_from(0, 1500), rows_from(1500, 1), rows_from(1501, 3000)]
     parts[2][7, 3], parts[2][9, 4] = math.nan, -math.inf
     recorder = McapWriter(stream, content)
@@ -90,7 +90,7 @@ def record(stream: Any, content: Content = BOTH) -> tuple[McapWriter, np.ndarray
 
 @pytest.mark.filterwarnings("ignore:start_time:DeprecationWarning")  # what mcap 1.2 has
 @pytest.mark.filterwarnings("ignore:end_time:DeprecationWarning")
-def test_the_format_s_own_reader_finds_every_message_by_its_index(tmp_path: Path) -> None:
+def test_the_official_reader_finds_every_message_by_the_index(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder, rows = record(path.open("wb"))
     recorder.close()
@@ -121,7 +121,7 @@ def test_the_format_s_own_reader_finds_every_message_by_its_index(tmp_path: Path
         assert [message.log_time for _, _, message in window] == [round(k * 1e6) for k in range(1400, 1600)]
 
 
-def test_after_a_kill_all_full_chunks_can_be_read(tmp_path: Path) -> None:
+def test_all_complete_chunks_can_be_read_after_a_kill(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder, rows = record(path.open("wb"))
     cut = tmp_path / "cut.mcap"
@@ -136,7 +136,7 @@ def test_after_a_kill_all_full_chunks_can_be_read(tmp_path: Path) -> None:
 
 
 def streamed(path: Path) -> list[Any]:
-    """All records of a file up to its end, in their order, without an index."""
+    """Return all records of a file up to its end, in order, without the index."""
     from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 
@@ -146,7 +146,7 @@ def streamed(path: Path) -> list[Any]:
     return found
 
 
-def test_what_the_compression_raises_reaches_the_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_of_the_compression_is_reraised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise MemoryError("no room")
 
@@ -161,8 +161,8 @@ def test_what_the_compression_raises_reaches_the_recorder(tmp_path: Path, monkey
         assert stream.closed
 
 
-def test_what_waits_counts_as_written(tmp_path: Path) -> None:
-    """A limit of a file's size holds with all that is still to be compressed."""
+def test_uncompressed_pending_data_count_as_written(tmp_path: Path) -> None:
+    """So that a file size limit holds together with all that is still to be compressed."""
     path = tmp_path / "run.mcap"
     recorder = McapWriter(path.open("wb"), BOTH)
     recorder.begin(0)

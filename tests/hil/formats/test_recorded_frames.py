@@ -1,4 +1,4 @@
-"""Frames and marks in recordings: readable by others, the same in every format, with times and directions."""
+"""Frames and marks in recordings, read by other programs: equal in every format, with times and directions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def recorded(path: Path, blocks: list[object], channel: str = "bench", epoch_ns:
 
 
 def epoch_of(suffix: str, epoch_ns: int) -> float:
-    """Where readers begin to count; of ASC and MCAP they give times since the start of the measurement."""
+    """Return the origin of a reader's times; ASC and MCAP give times since the start of the measurement."""
     return 0.0 if suffix in (".asc", ".mcap") else epoch_ns / 1e9
 
 
@@ -51,11 +51,11 @@ def epoch_of(suffix: str, epoch_ns: int) -> float:
         (0x120 | REMOTE | FD, b"", False, "(0000000012.500000) can0 120#R R\n"),
     ],
 )
-def test_a_line_is_candumps(identifier: int, payload: bytes, is_sent: bool, expected: str) -> None:
+def test_a_text_line_has_candumps_format(identifier: int, payload: bytes, is_sent: bool, expected: str) -> None:
     assert candump_lines(0, "can0", sent([(identifier, payload)], 12.5, is_sent)) == expected
 
 
-def test_a_block_of_frames_is_their_lines_one_after_the_other() -> None:
+def test_a_block_of_frames_is_written_like_its_single_lines() -> None:
     rows = [(0x100 + n, bytes(range(n % 9))) for n in range(20)]
     rows += [(0x777 | FD, bytes(range(64))), (0x1 | EXTENDED, b""), (0x120 | REMOTE, b"")]
     each = [candump_lines(EPOCH_NS, "can0", sent([row], 0.25)) for row in rows]
@@ -63,12 +63,12 @@ def test_a_block_of_frames_is_their_lines_one_after_the_other() -> None:
     assert candump_lines(0, "can0", no_logged()) == ""
 
 
-def test_stamps_are_whole_microseconds_since_1970() -> None:
+def test_candump_timestamps_are_whole_microseconds_since_1970() -> None:
     line = candump_lines(EPOCH_NS, "can0", sent([(0x1, b"")], 0.123456789))
     assert line.startswith("(1700000000.123457)")
 
 
-def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path) -> None:
+def test_python_can_reads_every_kind_of_frame_unchanged(tmp_path: Path) -> None:
     kinds = [  # identifier and payload; number, and whether it is extended, remote, an error
         (0x120, b"12345678", (0x120, False, False, False)),
         (0x000, b"", (0x000, False, False, False)),
@@ -85,7 +85,7 @@ def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".mf4", ".mcap"])
-def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path, suffix: str) -> None:
+def test_python_can_reads_can_fd_frames_unchanged(tmp_path: Path, suffix: str) -> None:
     rows = [(0x120 | FD, bytes(range(64))), (0x121 | FD, bytes(12))]
     messages = recorded(tmp_path / f"bus{suffix}", [sent(rows)])
     assert [(message.is_fd, bytes(message.data)) for message in messages] == [
@@ -126,9 +126,7 @@ def test_every_format_has_the_same_frames_with_times_and_directions(
 
 @pytest.mark.parametrize("suffix", BUS)
 @pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
-def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
-    tmp_path: Path, suffix: str, epoch_ns: int
-) -> None:
+def test_a_frame_after_a_later_one_keeps_its_own_timestamp(tmp_path: Path, suffix: str, epoch_ns: int) -> None:
     blocks = [sent([(0x120, b"")], at) for at in (0.25, 0.125, 0.5)]
     messages = recorded(tmp_path / f"bus{suffix}", blocks, epoch_ns=epoch_ns)
     times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
@@ -136,7 +134,7 @@ def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
 
 
 @pytest.mark.parametrize("suffix", BUS)
-def test_error_and_remote_frames_do_not_break_a_file(
+def test_error_and_remote_frames_are_recorded(
     tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     rows = [(0x120, b"a"), (ERROR | 0x80, bytes(8)), (0x121 | REMOTE, b""), (0x122, b"b")]
@@ -150,13 +148,13 @@ def test_error_and_remote_frames_do_not_break_a_file(
 
 
 @pytest.mark.parametrize("suffix", BUS)
-def test_a_run_without_a_frame_still_closes(tmp_path: Path, suffix: str) -> None:
+def test_a_recording_without_a_frame_can_be_closed(tmp_path: Path, suffix: str) -> None:
     recorder = open_writer(tmp_path / f"bus{suffix}", BOTH)
     recorder.close()
     assert recorder.failure == ""
 
 
-def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
+def test_an_mf4_has_frames_and_rows_on_a_common_time_base(tmp_path: Path) -> None:
     from asammdf import MDF
 
     path = tmp_path / "run.mf4"
@@ -192,13 +190,13 @@ def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
         ("can999", 0),
     ],
 )
-def test_the_number_of_a_bus_is_at_the_end_of_its_name_and_not_of_an_address(channel: str, number: int) -> None:
+def test_the_bus_number_is_read_from_a_channel_name_but_not_from_an_address(channel: str, number: int) -> None:
     assert Content(columns=("time_s",), channel=channel).bus_number == number
 
 
 @pytest.mark.parametrize("suffix", BUS)
 def test_a_recording_of_frames_only_has_no_rows(tmp_path: Path, suffix: str) -> None:
-    """As of a loop that stood still between two requests, and heard what came meanwhile."""
+    """As of a loop that was paused between two requests, and received frames meanwhile."""
     writer = open_writer(tmp_path / f"run{suffix}", BOTH)
     writer.begin(0)
     writer.write_frames(sent([(0x110, b"abc")], 0.1))
@@ -226,12 +224,12 @@ def written(path: Path) -> Path:
 
 
 def unpacked(path: Path) -> bytes:
-    """The objects of a BLF with one container."""
+    """Return the objects of a BLF with one container."""
     content = path.read_bytes()
     return zlib.decompress(content[content.index(b"LOBJ") + 32 :])
 
 
-def test_asammdf_reads_a_marker_event(tmp_path: Path) -> None:
+def test_asammdf_reads_a_mark_as_an_event(tmp_path: Path) -> None:
     from asammdf import MDF
 
     with MDF(written(tmp_path / "run.mf4")) as measured:
@@ -239,7 +237,7 @@ def test_asammdf_reads_a_marker_event(tmp_path: Path) -> None:
         assert (event.name, event.value) == (TEXT, pytest.approx(0.0025))
 
 
-def test_mcap_reads_a_message_on_marks(tmp_path: Path) -> None:
+def test_the_mcap_reader_finds_a_mark_as_a_message_on_the_topic_marks(tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
     with written(tmp_path / "run.mcap").open("rb") as stream:
@@ -248,7 +246,7 @@ def test_mcap_reads_a_message_on_marks(tmp_path: Path) -> None:
     assert found.log_time == 2_500_000
 
 
-def test_a_blf_holds_a_global_marker(tmp_path: Path) -> None:
+def test_a_mark_is_a_global_marker_in_a_blf(tmp_path: Path) -> None:
     path = written(tmp_path / "run.blf")
     reader = can.BLFReader(path)
     assert len(list(reader)) == 3
@@ -257,14 +255,14 @@ def test_a_blf_holds_a_global_marker(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".trc"])
-def test_text_logs_hold_a_comment(tmp_path: Path, suffix: str) -> None:
+def test_a_mark_is_a_comment_in_text_logs(tmp_path: Path, suffix: str) -> None:
     path = written(tmp_path / f"run{suffix}")
     assert TEXT in path.read_text(encoding="utf-8")
     assert len(messages_in(path)) == 3
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_mark_changes_neither_rows_nor_frames(tmp_path: Path, suffix: str) -> None:
+def test_a_mark_does_not_change_rows_or_frames(tmp_path: Path, suffix: str) -> None:
     found = open_recording(written(tmp_path / f"run{suffix}"))
     rows = sum(len(block) for block in found.rows(["time_s"])) if found.signals else 0
     assert rows == (6 if FORMATS[suffix].has_rows else 0)

@@ -1,4 +1,4 @@
-"""Rows in recordings: every column under its name, every number to the last bit, in every format of tables."""
+"""Rows in recordings: every column with its name, every number to the last bit, in every table format."""
 
 from __future__ import annotations
 
@@ -68,10 +68,8 @@ def unit_in(path: Path, name: str) -> str:
 @pytest.mark.parametrize("suffix", TABLES)
 @pytest.mark.parametrize(("drives", "offline"), [(1, False), (2, False), (2, True)])
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-def test_every_column_is_the_rows_value_of_its_name(
-    tmp_path: Path, suffix: str, drives: int, offline: bool
-) -> None:
-    """One row or many at a time; nothing is permuted, missing or doubled."""
+def test_every_column_has_the_values_of_its_name(tmp_path: Path, suffix: str, drives: int, offline: bool) -> None:
+    """For one row or many at a time: no column is permuted, missing or doubled."""
     names, rows = columns_of(drives, offline), rows_from(0, 300)
     for blocks in ([rows], [rows[:1], rows[1:1], rows[1:]], [row[np.newaxis] for row in rows]):
         path = recorded_rows(tmp_path / f"table{suffix}", *blocks, content=Content(names))
@@ -84,7 +82,7 @@ def test_every_column_is_the_rows_value_of_its_name(
 
 @pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
 @pytest.mark.filterwarnings("ignore")
-def test_a_column_carries_its_unit(tmp_path: Path, suffix: str) -> None:
+def test_a_column_has_its_unit_in_the_file(tmp_path: Path, suffix: str) -> None:
     path = recorded_rows(tmp_path / f"table{suffix}", rows_from(0, 3))
     assert unit_in(path, "gate_rate_degps") == "degps"
     assert unit_in(path, "latched") == ""
@@ -92,7 +90,7 @@ def test_a_column_carries_its_unit(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", TABLES)
 @pytest.mark.filterwarnings("ignore")
-def test_numbers_come_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
+def test_numbers_read_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
     rows = rows_from(0, len(NUMBERS))
     names = [name for name, signal in COLUMNS.items() if not signal.is_whole and name != "time_s"]
     for k, name in enumerate(names):
@@ -103,7 +101,7 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
         assert np.array_equal(table[name].view(np.int64), bits), name
 
 
-def test_columns_are_those_that_are_promised() -> None:
+def test_the_columns_are_those_of_the_documentation() -> None:
     assert list(COLUMNS)[: len(PROMISED)] == PROMISED
     # What the ECU sees stands beside the truth, with a prefix.
     assert {"sensed_left_current_a", "sensed_right_hall_count"} < set(COLUMNS)
@@ -123,7 +121,7 @@ def test_a_gate_with_one_drive_has_no_right_columns() -> None:
 
 
 def one_by_one(names: list[str], rows: np.ndarray) -> bytes:
-    """The same lines, cell by cell."""
+    """Return the CSV lines written cell by cell."""
     lines = []
     for row in rows:
         cells = []
@@ -155,7 +153,7 @@ WHOLE = st.one_of(st.integers(-(2**53), 2**53), st.sampled_from([0, -1, 9, 10, 9
 
 @given(data=st.data(), count=st.integers(1, 5))
 @settings(max_examples=60, deadline=None)
-def test_a_line_is_its_cells_with_commas_between(data: Any, count: int) -> None:
+def test_a_csv_line_is_its_cells_joined_by_commas(data: Any, count: int) -> None:
     rows = np.tile(ROW, (count, 1))
     for name in data.draw(st.lists(st.sampled_from(sorted(COLUMNS)), unique=True)):
         kind = WHOLE if COLUMNS[name].is_whole else CELL
@@ -166,7 +164,7 @@ def test_a_line_is_its_cells_with_commas_between(data: Any, count: int) -> None:
     assert text.lines(rows) == one_by_one(names, rows)
 
 
-def test_plain_python_writes_the_same(text: CsvText) -> None:
+def test_plain_python_writes_the_same_lines_as_machine_code(text: CsvText) -> None:
     rows = rows_from(0, 7)
     rows[3, ::3] = np.nan
     rows[4, ::4] = -np.inf
@@ -175,8 +173,8 @@ def test_plain_python_writes_the_same(text: CsvText) -> None:
     assert text.lines(rows[:0]) == b""
 
 
-def test_columns_that_are_alike_have_the_same_text(text: CsvText) -> None:
-    """But for whole numbers, which have no point; -0.0 and 0.0 are not alike."""
+def test_equal_columns_are_written_with_the_same_text(text: CsvText) -> None:
+    """Except whole numbers, which have no point; -0.0 and 0.0 are different."""
     rows = rows_from(0, 9)
     numbers = [1.0, -2.0, 3.0, math.nan, 0.0, math.inf, 7.0, 8.0, 9.0]
     for name in ("left_hall_count", "left_current_a", "right_current_a", "gate_angle_deg"):
@@ -186,7 +184,7 @@ def test_columns_that_are_alike_have_the_same_text(text: CsvText) -> None:
     assert text.lines(rows) == one_by_one(columns_of(2), rows)
 
 
-def test_digits_are_the_shortest_that_read_back_the_same() -> None:
+def test_numbers_are_written_with_the_fewest_digits_that_read_back_the_same() -> None:
     random = np.random.default_rng(1)
     numbers = random.integers(-(2**63), 2**63, 20_000).view(np.float64)
     numbers = numbers[np.isfinite(numbers)]
@@ -200,11 +198,11 @@ def test_digits_are_the_shortest_that_read_back_the_same() -> None:
 
 
 def digits(text: str) -> str:
-    """A number's significant ones."""
+    """Return the significant digits of a number."""
     return text.lstrip("-").partition("e")[0].replace(".", "").strip("0")
 
 
-def test_rows_are_written_the_same_in_blocks_of_any_size() -> None:
+def test_the_text_of_rows_does_not_depend_on_the_block_size() -> None:
     rows = rows_from(0, 20_000)
     rows[:, 5:20] = rows[0, 5:20]
     rows[12_345:, 10] = 0.25
@@ -216,14 +214,14 @@ def test_rows_are_written_the_same_in_blocks_of_any_size() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_plant_that_diverged_is_written_down_too(tmp_path: Path, value: float) -> None:
+def test_rows_of_a_diverged_plant_are_recorded(tmp_path: Path, value: float) -> None:
     for suffix in TABLES:
         recorded_rows(tmp_path / f"run{suffix}", rows_from(0, 3), np.full((1, ROW_WIDTH), value))
     assert set((tmp_path / "run.csv").read_text().splitlines()[-1].split(",")) == {repr(value)}
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_a_recorded_tick_is_plain_numbers(rig: Rig, fast_tick: Any, tmp_path: Path, which: str) -> None:
+def test_rows_of_ticks_are_recorded_as_plain_numbers(rig: Rig, fast_tick: Any, tmp_path: Path, which: str) -> None:
     call = tick if which == "plain" else fast_tick
     config = loop_config(rig=rig)
     state = start_of(config)

@@ -1,4 +1,4 @@
-"""Files to record to: what cannot be one is told in a line, and nothing of anybody else's is lost."""
+"""Recording files: an unusable one is reported in one line, and no foreign data is lost."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/ful
     "name",
     ["x", "x.", "x.pcap", ".csv.gz", "nosuch/folder/x.csv", "x.csv/y.log", "x.txt", "x" * 300 + ".csv", "x\0.csv"],
 )
-def test_a_file_that_cannot_be_is_reported_before_the_run(
+def test_an_unusable_file_name_is_reported_before_the_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -45,7 +45,7 @@ def link_to_itself(path: Path) -> None:
         *((os.mkfifo, suffix, "a pipe or a device") for suffix in SPOILT),  # formats that are completed at the end
     ],
 )
-def test_what_cannot_be_recorded_to_is_reported_before_the_run(
+def test_an_unusable_target_is_reported_before_the_run(
     tmp_path: Path, make: Callable[[Path], None], suffix: str, said: str
 ) -> None:
     path = tmp_path / f"run{suffix}"
@@ -58,7 +58,7 @@ def test_what_cannot_be_recorded_to_is_reported_before_the_run(
     ("suffix", "module", "extra"),
     [(".mf4", "asammdf", "mf4"), (".mcap", "mcap", "mcap"), (".parquet", "pyarrow", "parquet")],
 )
-def test_a_package_that_is_not_there_is_reported_with_what_to_install(
+def test_a_missing_package_is_reported_with_the_command_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
@@ -66,7 +66,7 @@ def test_a_package_that_is_not_there_is_reported_with_what_to_install(
         check_file("record", str(tmp_path / f"x{suffix}"))
 
 
-def test_checking_a_csv_loads_nothing_heavy() -> None:
+def test_checking_a_csv_file_name_imports_no_heavy_modules() -> None:
     code = (
         "import sys; from liftgate_hil.formats.open import check_file; check_file('record', 'x.csv');"
         "assert not {'can', 'asammdf', 'mcap', 'pyarrow', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
@@ -75,7 +75,7 @@ def test_checking_a_csv_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_pipe_without_a_reader_is_reported_and_holds_nothing_up(tmp_path: Path, suffix: str) -> None:
+def test_a_pipe_without_a_reader_is_refused_without_blocking(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"pipe{suffix}"
     os.mkfifo(path)
     with pytest.raises(ConfigError, match="a pipe without a reader"):
@@ -84,7 +84,7 @@ def test_a_pipe_without_a_reader_is_reported_and_holds_nothing_up(tmp_path: Path
 
 @pytest.fixture
 def pipe(tmp_path: Path) -> Iterator[tuple[Path, int]]:
-    """A pipe, and the descriptor of its reader."""
+    """A named pipe, and the descriptor of its reader."""
     path = tmp_path / "pipe.csv"
     os.mkfifo(path)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -92,7 +92,7 @@ def pipe(tmp_path: Path) -> Iterator[tuple[Path, int]]:
     os.close(reader)
 
 
-def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(pipe: tuple[Path, int]) -> None:
+def test_a_pipe_that_is_not_read_ends_the_recording_with_one_message(pipe: tuple[Path, int]) -> None:
     told: list[str] = []
     recorder = open_writer(pipe[0], BOTH, say=told.append, patience=0.01)
     for first in range(0, 3000, 100):  # more than a pipe holds
@@ -105,7 +105,7 @@ def test_a_pipe_that_nobody_reads_ends_its_recording_once_and_closes_at_once(pip
     assert "recording ended at 0." in recorder.failure
 
 
-def test_a_pipe_whose_reader_is_slow_gets_all_of_it(pipe: tuple[Path, int]) -> None:
+def test_a_pipe_with_a_slow_reader_gets_all_rows(pipe: tuple[Path, int]) -> None:
     (path, reader), got = pipe, list[bytes]()
 
     def read() -> None:
@@ -123,7 +123,7 @@ def test_a_pipe_whose_reader_is_slow_gets_all_of_it(pipe: tuple[Path, int]) -> N
     assert b"".join(got).count(b"\n") == 3001
 
 
-def test_a_pipe_with_a_reader_gets_the_text(pipe: tuple[Path, int]) -> None:
+def test_a_pipe_with_a_reader_gets_the_csv_text(pipe: tuple[Path, int]) -> None:
     recorder = open_writer(pipe[0], BOTH)
     recorder.write_rows(rows_from(0, 3))
     recorder.close()
@@ -135,7 +135,7 @@ def test_a_pipe_with_a_reader_gets_the_text(pipe: tuple[Path, int]) -> None:
 
 @pytest.mark.parametrize("suffix", RECORDED)
 @pytest.mark.filterwarnings("ignore")
-def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
+def test_recording_to_a_file_that_is_being_recorded_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     first = started(path)
     with pytest.raises(ConfigError, match=r"^`record` .*another recording is being written to it"):
@@ -147,7 +147,7 @@ def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", SPOILT)
-def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str) -> None:
+def test_a_text_file_left_by_a_crash_is_never_overwritten(tmp_path: Path, suffix: str) -> None:
     path, left = tmp_path / f"run{suffix}", ".log" if FORMATS[suffix].has_frames else ".csv"
     salvage = path.with_name(path.name + left)
     path.write_bytes(b"before")
@@ -165,7 +165,7 @@ def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str)
 
 @pytest.mark.parametrize("suffix", SPOILT)
 @pytest.mark.filterwarnings("ignore")
-def test_until_it_is_complete_there_is_text_beside_it(tmp_path: Path, suffix: str) -> None:
+def test_until_a_recording_is_complete_there_is_a_text_file_beside_it(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     recorder = started(path)
     recorder.flush()
@@ -179,7 +179,7 @@ def test_until_it_is_complete_there_is_text_beside_it(tmp_path: Path, suffix: st
 
 @pytest.mark.parametrize("suffix", SPOILT)
 @pytest.mark.filterwarnings("ignore")
-def test_a_file_that_cannot_be_completed_leaves_the_text(
+def test_a_recording_that_cannot_be_completed_leaves_its_text_file(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"run{suffix}"
@@ -200,7 +200,7 @@ def test_a_file_that_cannot_be_completed_leaves_the_text(
 
 @FULL
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_path: Path, suffix: str) -> None:
+def test_a_full_disk_is_reported_at_once_and_ends_only_the_recording(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"full{suffix}"
     path.symlink_to("/dev/full")
     said: list[str] = []
@@ -217,7 +217,7 @@ def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(tmp_pat
 
 @pytest.fixture(scope="module")
 def on_a_full_disk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[str]]]:
-    """A folder of recordings, in files of 100 kB at most; by suffix what was said, and which files each has."""
+    """Record to a folder with files of 100 kB at most; return it, and by suffix the messages and the files."""
     base = tmp_path_factory.mktemp("full")
     code = f"""
 import json, resource, sys, warnings
@@ -254,7 +254,7 @@ print(json.dumps(said))
 
 
 @pytest.mark.parametrize("suffix", SPOILT)
-def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(
+def test_a_full_disk_leaves_the_text_file_of_a_recording_completed_at_its_end(
     on_a_full_disk: tuple[Path, dict[str, list[str]]], suffix: str
 ) -> None:
     folder, lines = on_a_full_disk[0] / suffix, on_a_full_disk[1][suffix]
@@ -273,7 +273,7 @@ def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(
 
 @pytest.mark.parametrize("suffix", TABLES)
 @pytest.mark.filterwarnings("ignore")
-def test_rows_that_are_good_only_until_the_call_returns_are_kept(tmp_path: Path, suffix: str) -> None:
+def test_rows_are_copied_before_the_call_returns(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     recorder = open_writer(path, BOTH)
     recorder.begin(0)

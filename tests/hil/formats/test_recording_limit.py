@@ -1,4 +1,4 @@
-"""Recordings in files of a limited size."""
+"""Recordings split into files of a limited size."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def recorded(path: Path, limit: Limit, rows: int, frames: int) -> list[Path]:
 
 
 def write_many(recorder: GuardedWriter) -> None:
-    """More rows than a file of the limit holds."""
+    """Write more rows than a file of the limit holds."""
     for k in range(30):
         recorder.write_rows(rows_from(100 * k, 100))
 
 
 @pytest.mark.parametrize("suffix", BUS)
 @pytest.mark.filterwarnings("ignore")
-def test_all_frames_are_there_once_in_files_that_sort_and_are_not_larger(tmp_path: Path, suffix: str) -> None:
+def test_all_frames_are_recorded_once_in_sorted_files_below_the_limit(tmp_path: Path, suffix: str) -> None:
     files = recorded(tmp_path / f"run{suffix}", Limit(LIMIT), 0, 30_000)
     assert len(files) > 1
     assert files == sorted(tmp_path.iterdir())
@@ -58,7 +58,7 @@ def test_all_frames_are_there_once_in_files_that_sort_and_are_not_larger(tmp_pat
     assert found == list(range(30_000))
 
 
-def test_all_rows_are_there_once_each_file_with_its_header(tmp_path: Path) -> None:
+def test_all_rows_are_recorded_once_in_files_with_a_header_each(tmp_path: Path) -> None:
     files = recorded(tmp_path / "run.csv", Limit(LIMIT), 3000, 0)
     assert len(files) > 2
     assert all(file.stat().st_size <= LIMIT for file in files)
@@ -66,11 +66,11 @@ def test_all_rows_are_there_once_each_file_with_its_header(tmp_path: Path) -> No
     assert times == [0.001 * k for k in range(3000)]
 
 
-def test_a_run_that_fits_has_one_file(tmp_path: Path) -> None:
+def test_a_run_below_the_limit_has_one_file(tmp_path: Path) -> None:
     assert recorded(tmp_path / "run.csv", Limit(LIMIT), 100, 0) == [tmp_path / "run.0001.csv"]
 
 
-def test_the_last_files_are_kept(tmp_path: Path) -> None:
+def test_only_the_last_files_are_kept(tmp_path: Path) -> None:
     files = recorded(tmp_path / "run.csv", Limit(LIMIT, keep=2), 5000, 0)
     assert len(files) == 2
     assert sorted(tmp_path.iterdir()) == files
@@ -83,7 +83,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
-def test_of_earlier_recordings_one_is_kept(tmp_path: Path, suffix: str) -> None:
+def test_only_one_earlier_recording_is_kept(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     first = recorded(path, Limit(LIMIT), 3000, 30_000)
     assert len(first) > 2
@@ -99,8 +99,8 @@ def test_of_earlier_recordings_one_is_kept(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_files_of_others_are_neither_counted_nor_deleted(tmp_path: Path, suffix: str) -> None:
-    """Neither are a recording of ours whose name is that of a part by chance, and a link."""
+def test_foreign_files_are_neither_counted_nor_deleted(tmp_path: Path, suffix: str) -> None:
+    """Nor is a recording of ours that is named like a part by chance, nor a link."""
     path = tmp_path / f"drive{suffix}"
     (whole,) = recorded(path, Limit(LIMIT), 100, 100)
     others = [tmp_path / f"drive.{name}{suffix}" for name in ("2024", "final.0001", "0004", "0003.previous")]
@@ -117,7 +117,7 @@ def test_files_of_others_are_neither_counted_nor_deleted(tmp_path: Path, suffix:
     assert others[0].read_bytes() == contents[0]
 
 
-def test_an_earlier_recording_counts_among_the_files_that_are_kept(tmp_path: Path) -> None:
+def test_files_of_an_earlier_recording_count_for_the_number_to_keep(tmp_path: Path) -> None:
     path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=4)
     first = recorded(path, limit, 5000, 0)
     assert len(first) == 4
@@ -127,7 +127,7 @@ def test_an_earlier_recording_counts_among_the_files_that_are_kept(tmp_path: Pat
     assert names_in(tmp_path) == [each.name for each in files]
 
 
-def test_what_has_replaced_an_earlier_file_meanwhile_is_not_deleted(tmp_path: Path) -> None:
+def test_a_file_that_replaced_an_earlier_one_meanwhile_is_not_deleted(tmp_path: Path) -> None:
     path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=3)
     first = recorded(path, limit, 5000, 0)
     recorder = open_writer(path, BOTH, limit)
@@ -139,7 +139,7 @@ def test_what_has_replaced_an_earlier_file_meanwhile_is_not_deleted(tmp_path: Pa
     assert aside_of(first[-1]).read_text() == "somebody's"
 
 
-def test_an_input_stays_whatever_it_is_called(tmp_path: Path) -> None:
+def test_an_input_file_named_like_a_part_is_not_deleted(tmp_path: Path) -> None:
     path, limit = tmp_path / "run.csv", Limit(LIMIT, keep=2)
     files = recorded(path, limit, 5000, 0)
     content = files[0].read_bytes()
@@ -149,7 +149,7 @@ def test_an_input_stays_whatever_it_is_called(tmp_path: Path) -> None:
     assert files[0].read_bytes() == content
 
 
-def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
+def test_recording_to_a_name_that_is_being_recorded_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     first = open_writer(path, BOTH, Limit(LIMIT, keep=2))
     write_many(first)
@@ -167,6 +167,6 @@ def test_two_cannot_record_to_one_row_of_files(tmp_path: Path) -> None:
         ({"record_limit": 10**6, "record_keep": 1}, "`record_keep` 1: allowed: a whole number from 2 to"),
     ],
 )
-def test_a_limit_that_cannot_be_is_reported(more: dict[str, int], told: str) -> None:
+def test_an_invalid_limit_is_refused(more: dict[str, int], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         RunRequest(**more).check()

@@ -1,4 +1,4 @@
-"""What is in the place of a recording: an input is refused, one of ours is kept, all else gets a free name."""
+"""Existing files in the place of a recording: an input is refused, an own one is kept once, others set aside."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def record(path: Path, first: int, content: Content = BOTH, said: list[str] | No
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_one_earlier_recording_of_ours_is_kept(tmp_path: Path, suffix: str) -> None:
+def test_one_earlier_recording_of_this_program_is_kept(tmp_path: Path, suffix: str) -> None:
     path, said = tmp_path / f"run{suffix}", list[str]()
     contents = [record(path, first, said=said) for first in range(3)]
     assert path.read_bytes() == contents[2]
@@ -44,7 +44,7 @@ def test_one_earlier_recording_of_ours_is_kept(tmp_path: Path, suffix: str) -> N
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_what_is_not_ours_is_never_replaced(tmp_path: Path, suffix: str) -> None:
+def test_a_foreign_file_is_never_replaced(tmp_path: Path, suffix: str) -> None:
     path, aside = tmp_path / f"run{suffix}", tmp_path / f"run.previous{suffix}"
     aside.write_bytes(b"first")
     path.write_bytes(b"second")
@@ -61,7 +61,7 @@ def test_what_is_not_ours_is_never_replaced(tmp_path: Path, suffix: str) -> None
     assert len(found) == 4  # and one of ours
 
 
-def test_what_is_not_ours_does_not_replace_an_earlier_recording(tmp_path: Path) -> None:
+def test_a_foreign_file_set_aside_does_not_replace_an_earlier_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     content = record(aside_of(path), 0)
     path.write_bytes(b"somebody's")
@@ -80,13 +80,13 @@ THEIRS = {
 
 
 @pytest.mark.parametrize("suffix", THEIRS)
-def test_files_of_other_programs_are_not_ours(tmp_path: Path, suffix: str) -> None:
+def test_files_of_other_programs_are_recognized_as_foreign(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.write_text(THEIRS[suffix])
     assert not is_ours(path)
 
 
-def test_an_mcap_of_another_program_that_mentions_ours_is_not_ours(tmp_path: Path) -> None:
+def test_an_mcap_of_another_program_that_mentions_this_one_is_foreign(tmp_path: Path) -> None:
     from mcap.writer import Writer
 
     path = tmp_path / "run.mcap"
@@ -99,7 +99,7 @@ def test_an_mcap_of_another_program_that_mentions_ours_is_not_ours(tmp_path: Pat
 
 
 @pytest.mark.parametrize("suffix", [".log", ".blf"])
-def test_a_log_that_was_changed_since_is_not_ours(tmp_path: Path, suffix: str) -> None:
+def test_a_log_that_was_changed_later_counts_as_foreign(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     content = record(path, 0)
     assert is_ours(path)
@@ -112,7 +112,7 @@ def unsupported(*_: object) -> bytes:
     raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
 
-def test_without_extended_attributes_logs_are_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_extended_attributes_logs_are_foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "setxattr", unsupported)
     monkeypatch.setattr(os, "getxattr", unsupported)
     path = tmp_path / "run.log"
@@ -122,14 +122,14 @@ def test_without_extended_attributes_logs_are_not_ours(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize(("drives", "offline"), [(1, False), (2, False), (1, True), (2, True)])
 @pytest.mark.parametrize("epoch_ns", [0, 10**18])
-def test_every_table_of_ours_is_known(tmp_path: Path, drives: int, offline: bool, epoch_ns: int) -> None:
+def test_every_table_of_this_program_is_known(tmp_path: Path, drives: int, offline: bool, epoch_ns: int) -> None:
     content = Content(columns_of(drives, offline))
     assert is_ours(recorded_rows(tmp_path / "run.csv", content=content, epoch_ns=epoch_ns))
 
 
 @pytest.mark.parametrize("link", [os.link, os.symlink])
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_an_input_is_refused_by_whatever_name(
+def test_recording_to_an_input_file_is_refused_under_any_link(
     tmp_path: Path, suffix: str, link: Callable[[Path, Path], None]
 ) -> None:
     source, path = tmp_path / "scenario.toml", tmp_path / f"run{suffix}"
@@ -141,7 +141,7 @@ def test_an_input_is_refused_by_whatever_name(
     assert sorted(tmp_path.iterdir()) == sorted([source, path])
 
 
-def test_of_a_link_the_file_that_it_leads_to_is_set_aside(tmp_path: Path) -> None:
+def test_behind_a_link_the_linked_file_is_set_aside(tmp_path: Path) -> None:
     (tmp_path / "disk").mkdir()
     path, link = tmp_path / "disk" / "run.csv", tmp_path / "latest.csv"
     path.write_text("somebody's")
@@ -152,7 +152,7 @@ def test_of_a_link_the_file_that_it_leads_to_is_set_aside(tmp_path: Path) -> Non
     assert is_ours(path)
 
 
-def test_two_names_of_one_recording_become_one(tmp_path: Path) -> None:
+def test_a_recording_linked_to_its_set_aside_name_is_kept_once(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     content = record(path, 0)
     os.link(path, aside_of(path))
@@ -161,14 +161,14 @@ def test_two_names_of_one_recording_become_one(tmp_path: Path) -> None:
     assert path.read_bytes() != content
 
 
-def test_an_empty_file_is_written_to(tmp_path: Path) -> None:
+def test_an_empty_file_is_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.touch()
     record(path, 0)
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_edges_keep_one_earlier_file_too(tmp_path: Path) -> None:
+def test_one_earlier_edges_file_is_kept(tmp_path: Path) -> None:
     path, said = tmp_path / "edges.csv", list[str]()
     path.write_text("time_s,drive\n0,left\n")  # somebody's
     for _ in range(3):
@@ -181,7 +181,7 @@ def test_edges_keep_one_earlier_file_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("operation", ["link", "rename"])
-def test_what_cannot_be_set_aside_stays_and_is_reported(
+def test_a_file_that_cannot_be_set_aside_stays_and_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str
 ) -> None:
     path = tmp_path / "run.csv"
@@ -213,7 +213,7 @@ def test_set_aside_takes_the_first_free_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("added", ["# a good run\n", "9,9\n", "\n"])
-def test_a_table_of_ours_to_which_somebody_has_added_is_not_ours(tmp_path: Path, added: str) -> None:
+def test_a_table_of_this_program_with_added_lines_counts_as_foreign(tmp_path: Path, added: str) -> None:
     path = tmp_path / "run.csv"
     record(path, 0)
     assert is_ours(path)
@@ -223,8 +223,8 @@ def test_a_table_of_ours_to_which_somebody_has_added_is_not_ours(tmp_path: Path,
     assert not _is_our_table(path.read_bytes(), path.read_bytes())
 
 
-def test_a_table_that_pandas_has_written_back_is_somebody_elses(tmp_path: Path) -> None:
-    """Our columns, but another content."""
+def test_a_table_rewritten_by_pandas_counts_as_foreign(tmp_path: Path) -> None:
+    """It has our columns, but other content."""
     path = tmp_path / "run.csv"
     head, *rows = record(path, 0).splitlines(keepends=True)
     path.write_bytes(head + b"".join(rows[:2]))
@@ -234,7 +234,7 @@ def test_a_table_that_pandas_has_written_back_is_somebody_elses(tmp_path: Path) 
     assert kept in [each.read_bytes() for each in tmp_path.iterdir()]
 
 
-def test_where_no_attributes_are_a_table_is_known_by_its_columns(
+def test_without_extended_attributes_a_table_is_recognized_by_its_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "getxattr", unsupported)

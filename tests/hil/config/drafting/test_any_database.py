@@ -1,4 +1,4 @@
-"""Whatever a database holds, a draft is TOML that loads but for what it asks for, or the database is refused."""
+"""Drafts of rigs from any database: a draft is TOML that loads once filled in, or the database is refused."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
-def test_a_mangled_database_is_drafted_or_refused(tmp_path: Path):
+def test_a_randomly_damaged_database_is_drafted_or_refused(tmp_path: Path):
     texts = [path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.dbc"))]
     words = [word for text in texts for word in re.findall(r"\w+", text)]
     chance = random.Random(3)
@@ -49,7 +49,7 @@ def test_a_mangled_database_is_drafted_or_refused(tmp_path: Path):
     assert drafted > 100
 
 
-def test_a_database_of_a_whole_car_takes_no_longer_than_reading_it(tmp_path: Path):
+def test_a_draft_from_a_database_of_1500_messages_stays_short(tmp_path: Path):
     lines = ['VERSION ""', "BS_:", "BU_: A B"]
     for i in range(1500):
         lines.append(f"BO_ {i + 1} Message{i}: 8 {'AB'[i % 2]}")
@@ -73,18 +73,18 @@ def test_a_database_of_a_whole_car_takes_no_longer_than_reading_it(tmp_path: Pat
         ("Öffnungswinkel", {"angle"}),
     ],
 )
-def test_names_say_what_they_say_and_no_more(name: str, said: set[str]):
+def test_signal_names_are_matched_by_whole_words_only(name: str, said: set[str]):
     assert concepts_in(name) >= said
     assert not concepts_in(name) & ({"gate", "latch", "left", "right"} - said)
 
 
-def test_names_fall_into_words():
+def test_signal_names_are_split_into_words_and_a_side():
     assert words_of("MotCurrLH_1") == ("mot", "curr", "lh", "1")
     assert side_of("Current", "LeftDrive") == "left"
     assert side_of("LeftRight", "Both") == ""
 
 
-def test_labels_that_two_of_ours_may_mean_are_nobodys():
+def test_ambiguous_labels_are_not_mapped():
     assert named_values("direction", {0: "Stop", 1: "Auf", 2: "Zu"}) == {"open": "Auf", "close": "Zu"}
     assert named_values("direction", {0: "Off", 1: "Idle", 2: "Open"}) == {"open": "Open"}
     assert named_values("latch_state", {0: "Unlatched", 1: "Half_Latched", 2: "Latched"}) == {
@@ -94,7 +94,7 @@ def test_labels_that_two_of_ours_may_mean_are_nobodys():
 
 
 def draft_of(folder: Path, *messages: str) -> tuple[str, dict[str, str]]:
-    """The text, and what is open with the reason."""
+    """Return the text of a draft, and its open keys with the reasons."""
     path = text_file(folder / "their.dbc", database_of("".join(messages), nodes="ECU Gate Tester"))
     draft = draft_rig(path, folder / "rig.toml")
     return draft.text, dict(draft.open)
@@ -129,7 +129,7 @@ VAL_ 257 RichtungLinks 0 "Leerlauf" 1 "Auf" 2 "Zu" 3 "Bremse" ;
 """
 
 
-def test_german_names_and_labels_are_understood(tmp_path: Path):
+def test_german_signal_names_and_labels_are_understood(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, GERMAN, CURRENTS, SWITCHES, GERMAN_LABELS)
     for line in (
         'left_pinch_strip = { signal = "GateSwitches.KlemmleisteLinks", '
@@ -152,7 +152,7 @@ PANEL = """BO_ 1024 Umgebung: 8 Tester
 """
 
 
-def test_what_another_node_sends_to_the_gate_is_an_input_of_a_panel_and_no_output(tmp_path: Path):
+def test_a_signal_that_a_third_node_sends_to_the_gate_is_drafted_as_a_panel_input(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS, PANEL)
     for quantity, signal in (
         ("road_slope", "Steigung"), ("hand_force", "Handkraft"), ("supply_voltage", "Versorgungsspannung"),
@@ -172,7 +172,7 @@ VAL_ 1280 Anderes 0 "Kein" 1 "Oeffnen" 2 "Schliessen" 3 "Stop" ;
 """
 
 
-def test_what_the_ecu_receives_with_labels_of_buttons_is_named_for_requests(tmp_path: Path):
+def test_received_signals_with_button_labels_are_suggested_for_requests(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS, DRIVER, DRIVER_LABELS)
     lines = text.splitlines()
     place = lines.index(
@@ -184,27 +184,27 @@ def test_what_the_ecu_receives_with_labels_of_buttons_is_named_for_requests(tmp_
     assert "Anderes: a button?" not in text
 
 
-def test_a_duty_of_no_side_beside_two_drives_is_asked_for(tmp_path: Path):
+def test_a_duty_without_a_side_is_left_open_for_two_drives(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
     for side in ("left", "right"):
         assert waiting[f"inputs.{side}_duty"] == "which drive?"
         assert f'# {side}_duty = "GateCmd.MotorDuty"' in text
 
 
-def test_a_duty_of_no_side_is_the_left_one_where_there_is_one_drive(tmp_path: Path):
+def test_a_duty_without_a_side_is_the_left_one_for_one_drive(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS.replace("Left", "").replace("Right", "Max"))
     assert '\nleft_duty = "GateCmd.MotorDuty"' in text
     assert "right" not in text
     assert not any(key.startswith("inputs") for key in waiting)
 
 
-def test_of_two_signals_the_one_in_a_fitting_unit_is_taken(tmp_path: Path):
+def test_of_two_candidate_signals_the_one_with_a_fitting_unit_is_mapped(tmp_path: Path):
     text, _ = draft_of(tmp_path, COMMON, CURRENTS)
     assert '\nleft_current = "GateOut.CurrentLeft"' in text
     assert "\n#   GateOut.CurrentSenseLeft: left_current? GateOut.CurrentLeft has a fitting unit\n" in text
 
 
-def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path: Path):
+def test_a_motor_speed_is_mapped_as_the_true_one_with_a_remark(tmp_path: Path):
     speed = CURRENTS.replace(
         'CurrentSenseLeft : 32|16@1+ (0.01,0) [0|5] "V"', 'MotorSpeedLeft : 32|16@1- (1,0) "rpm"'
     )
@@ -213,7 +213,7 @@ def test_a_motor_speed_is_mapped_with_a_remark_that_it_is_the_true_one(tmp_path:
     assert "without sensor and sensor faults; as sensed: left_period_speed" in line
 
 
-def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
+def test_a_counter_with_unused_values_is_left_open(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
     assert waiting["messages.GateOut.counter"] == "Counter: how it counts is not certain, see the draft"
     assert (
@@ -227,14 +227,14 @@ def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["ButtonNotPressed", "Taster_nicht_betaetigt", "HandleNotPulled"])
-def test_a_switch_whose_name_is_negated_is_asked_for(tmp_path: Path, name: str):
+def test_a_switch_with_a_negated_name_is_not_mapped(tmp_path: Path, name: str):
     signal = f' SG_ {name} : 52|1@1+ (1,0) [0|1] "" ECU\n'
     text, _ = draft_of(tmp_path, COMMON, CURRENTS + signal)
     assert name in text
     assert not any(name in line for line in text.splitlines() if not line.startswith("#"))
 
 
-def test_a_unit_with_the_size_of_a_step_is_proposed_with_its_scale(tmp_path: Path) -> None:
+def test_a_unit_with_a_step_size_is_proposed_with_a_scale_but_left_open(tmp_path: Path) -> None:
     duty = COMMON.replace('(0.01,0) [-100|100] "%"', '(1,0) [-1000|1000] "0.1%"')
     text, unclear = draft_of(tmp_path, duty, CURRENTS)
     assert '# left_duty = { signal = "GateCmd.MotorDuty", scale = 0.1, unit = "%" }' in text

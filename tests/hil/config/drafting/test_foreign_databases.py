@@ -1,4 +1,4 @@
-"""Twenty databases in the ways of different makers: what a draft maps is right in value and unit, the rest told.
+"""Drafts from twenty databases in the styles of different makers: mapped values and units are right.
 
 The tables below are made by hand from the databases: what our value must read as in their unit.
 """
@@ -273,19 +273,19 @@ def loaded(name: str) -> Rig:
     return rig
 
 
-def test_every_database_has_its_table():
+def test_every_database_has_a_hand_made_table():
     assert {path.stem for path in FOLDER.glob("*.dbc")} == {*KNOWN}
     assert len(KNOWN) == 20
 
 
-def test_a_checksum_that_no_database_describes_is_to_be_filled_in() -> None:
+def test_an_undescribed_checksum_is_left_open() -> None:
     found = {key: reason for key, reason in drafted("tailgate_vector").open if key.endswith(".checksum")}
     assert {*found} == {"messages.TG_Cmd.checksum"}
     assert all("without it wrong frames are accepted" in reason for reason in found.values())
     assert not [key for key, _ in drafted("no_units").open if key.endswith(".checksum")]
 
 
-def test_what_is_mapped_and_what_is_to_be_filled_in_is_what_the_database_lets_one_know(name: str):
+def test_mapped_and_open_keys_are_those_that_the_database_allows_to_know(name: str):
     draft = drafted(name)
     truth, to_fill_in = KNOWN[name]
     assert {key.partition(".")[2] for key in draft.mapped} == {*truth}
@@ -296,7 +296,7 @@ def test_what_is_mapped_and_what_is_to_be_filled_in_is_what_the_database_lets_on
             assert f"\n# {key.partition('.')[2]} = " in draft.text
 
 
-def test_a_draft_loads_once_what_it_asks_for_is_filled_in(name: str):
+def test_a_draft_loads_once_its_open_keys_are_filled_in(name: str):
     rig = loaded(name)
     wired = {wire.quantity: f"{wire.message}.{wire.signal}" for wire in (*rig.inputs, *rig.outputs)}
     for quantity, (signal, _, _) in KNOWN[name][0].items():
@@ -304,7 +304,7 @@ def test_a_draft_loads_once_what_it_asks_for_is_filled_in(name: str):
 
 
 def theirs(rig: Rig, name: str) -> dict[str, Any]:
-    """What cantools reads, in the database's units, when our values go out."""
+    """Return the values that cantools reads, in the database's units, from frames with our values."""
     truth = KNOWN[name][0]
     values = [math.nan] * OUTPUT_COUNT
     for quantity, (_, ours, _) in truth.items():
@@ -322,7 +322,7 @@ def theirs(rig: Rig, name: str) -> dict[str, Any]:
     return found
 
 
-def test_a_known_value_goes_out_in_the_databases_unit(name: str):
+def test_each_mapped_output_is_sent_in_the_unit_of_its_database_signal(name: str):
     rig = loaded(name)
     read = theirs(rig, name)
     for wire in rig.outputs:
@@ -338,7 +338,7 @@ def test_a_known_value_goes_out_in_the_databases_unit(name: str):
                 not described.is_float) + 1e-6 * abs(expected)), signal  # fmt: skip
 
 
-def test_a_known_value_comes_in_from_the_databases_unit(name: str):
+def test_each_mapped_input_is_received_in_the_unit_of_its_database_signal(name: str):
     rig = loaded(name)
     database = cantools.database.load_file(FOLDER / f"{name}.dbc")
     truth = KNOWN[name][0]
@@ -364,7 +364,7 @@ def test_a_known_value_comes_in_from_the_databases_unit(name: str):
             ), wire.quantity
 
 
-def test_our_own_database_drafts_to_our_own_rig():
+def test_the_draft_of_the_shipped_database_equals_the_shipped_rig():
     root = Path(__file__).parents[4]
     own = tomllib.loads((root / "configs/rigs/liftgate.toml").read_text(encoding="utf-8"))
     draft = draft_rig(root / "dbc/liftgate.dbc", root / "dbc/draft.toml")
@@ -382,7 +382,7 @@ def test_our_own_database_drafts_to_our_own_rig():
         assert f'# checksum = "{own["messages"][message]["checksum"]}"' in draft.text
 
 
-def test_a_dash_is_the_standard_output(
+def test_a_dash_writes_the_draft_to_stdout(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -395,7 +395,7 @@ def test_a_dash_is_the_standard_output(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_draft_is_written_once_and_never_over_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_draft_never_overwrites_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     target = tmp_path / "mine.toml"
     arguments = ["rig", "draft", str(FOLDER / "vw_german.dbc"), "--output", str(target)]
     assert main(arguments) == 0
@@ -407,14 +407,14 @@ def test_a_draft_is_written_once_and_never_over_a_file(tmp_path: Path, capsys: p
     assert target.read_text() == before
 
 
-def test_a_draft_goes_to_stdout_and_what_is_open_to_stderr(capsys: pytest.CaptureFixture[str]):
+def test_a_draft_goes_to_stdout_and_its_open_keys_to_stderr(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "draft", str(FOLDER / "no_units.dbc")]) == 0
     said = capsys.readouterr()
     assert tomllib.loads(said.out)["dbc"] == "no_units.dbc"
     assert "to be filled in: inputs.left_duty: no unit in the database (0 to 255)" in said.err
 
 
-def test_messages_without_a_drafted_signal_are_named_with_their_counters_for_the_restbus(tmp_path: Path) -> None:
+def test_messages_without_a_mapped_signal_are_listed_with_their_counters_for_the_restbus(tmp_path: Path) -> None:
     path, target = tmp_path / "theirs.dbc", tmp_path / "theirs.toml"
     path.write_text(
         'VERSION ""\nBU_: PLG BCM\n'
