@@ -56,7 +56,7 @@ def places_of(wanted: Sequence[str], names: list[str]) -> list[int]:
 
 
 def curves_of(wanted: Sequence[str], times: Floats, low: Floats, high: Floats, most: int) -> Curves:
-    """Return curves of the wanted columns, of which `low` and `high` have (n, wanted), with at most `most` points."""
+    """Return curves of the wanted columns, of which `low` and `high` have (n, wanted); `most` points at most."""
     every = max(1, -(-len(times) // most))
     if every > 1:
         starts = np.arange(0, len(times), every)
