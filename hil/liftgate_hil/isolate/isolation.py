@@ -103,7 +103,8 @@ class _Watch:
         """Return the worker's answer. Raises EcuError."""
         progress, pulse = Stillness(), Stillness()
         while True:
-            self._pass_on_a_stop()
+            if self._stopped():
+                self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
             # Checked first: then all that it has sent has arrived. Its supervisor may still be at work.
             is_over = bool(select.select([self._ended], [], [], 0.0)[0])
             try:
@@ -114,17 +115,16 @@ class _Watch:
                 return payload
             if is_over:
                 raise self._failure(f"its process ended ({self._end()})")
-            if progress.of(self._progress()) > self._patience():
+            control = self._control
+            done = int(control.tick), int(control.foreign), int(control.beats)
+            if progress.of(done) > self._patience():
                 return self._late_answer(f"no response for {self._patience():g} s")
             beats = int(self._control.pulse)
             if pulse.of(beats) > self._hang_s and beats:
                 return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _late_answer(self, what: str, is_its: bool = False) -> bytes:
-        """Return an answer that came too late, but came; else raise an EcuError as `_failure` makes it.
-
-        A worker whose interpreter lock is free says where the ECU's code in Python is.
-        """
+        """Return a late answer; else raise the failure, with where the ECU's Python code is, if that is known."""
         self._control.asked = 1
         payload = None
         with contextlib.suppress(BadAnswerError):
@@ -154,25 +154,14 @@ class _Watch:
                 until = min(until, time.monotonic() + _STOP_S)
         return f"the ECU's process did not exit within {EXIT_S:g} s after the run, and was killed"
 
-    def _progress(self) -> tuple[int, int, int]:
-        control = self._control
-        return int(control.tick), int(control.foreign), int(control.beats)
-
     def _patience(self) -> float:
         """Return how long there may be no progress at present [s]."""
         if int(self._control.foreign) % 2:
             return self._hang_s
         return SILENT_S + int(self._control.tick) * self._step
 
-    def _pass_on_a_stop(self) -> None:
-        if self._stopped():
-            self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
-
     def _failure(self, what: str, is_its: bool = False) -> EcuError:
-        """Return an EcuError with the text `what` and the time of the current tick.
-
-        It names the ECU if the ECU's own code is running or `is_its` is set, else the run's process.
-        """
+        """Return an EcuError at the current tick, of the ECU if its code runs or `is_its`, else of the process."""
         ticks, is_foreign = int(self._control.tick), is_its or int(self._control.foreign) % 2
         who = "the ECU" if is_foreign else "the run's process"
         return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)

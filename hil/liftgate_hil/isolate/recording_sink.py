@@ -25,10 +25,7 @@ class Sieve(Protocol):
 
 
 class RecordingSink:
-    """Passes rows and frames to writers, small blocks together; with a sieve only those that it selects.
-
-    Times count from the start of the run: no wall clock applies.
-    """
+    """Passes rows and frames to writers in blocks, with a sieve only some; times count from the run's start."""
 
     def __init__(self, writers: Sequence[Writer], content: Content, sieve: Sieve | None = None) -> None:
         self._writers, self._content, self._sieve = writers, content, sieve
@@ -45,10 +42,7 @@ class RecordingSink:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is buffered, down to the operating system.
-
-        This process may be the worker of an ECU that crashes.
-        """
+        """Write what is buffered, down to the operating system: an ECU may crash this process."""
         if not self._rows:
             return
         rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)

@@ -51,21 +51,14 @@ def memory_for(rate: float) -> Memory:
 
 
 def feedback_identifiers(rig: Rig) -> list[int]:
-    """Return the identifiers of the messages that show the effect of a command.
-
-    These are the messages with a motor current, or all where there is none.
-    """
+    """Return the identifiers of the messages with a motor current, else of all: they show a command's effect."""
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
 
 
 class _Turns:
-    """Gives a peer its turns, and reports to the loop how late this thread was with them.
-
-    That is the bench's delay, like that of a frame which waits. The time that a foreign ECU's own code takes is
-    not.
-    """
+    """Gives a peer its turns, and tells the loop this thread's delay, without the time of a foreign ECU's code."""
 
     def __init__(self, peer: PeerNode, control: Any) -> None:
         self._peer, self._control = peer, control

@@ -33,11 +33,7 @@ Which = tuple[str, str, str]
 
 
 def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
-    """Return the signals of the message `name`, decoded from a payload, by their names.
-
-    Raises ConfigError where the payload does not have the message's length, or holds what the database does not
-    define.
-    """
+    """Return a message's signals, decoded from a payload, by name. Raises ConfigError where it does not fit."""
     import cantools
 
     message = rig.messages[name]
@@ -109,10 +105,7 @@ def value_key(kind: str) -> str | None:
 
 
 def _way_of(rig: Rig, place: str) -> str:
-    """Return the direction of the message `place`, "sent" or "received", as seen from the gate.
-
-    Raises ConfigError where `place` names no message.
-    """
+    """Return "sent" or "received", a message's direction as the gate sees it. Raises ConfigError for none."""
     if place == NOTHING:
         raise ConfigError("direction none; allowed: sent or received, where no message is named")
     return "received" if place in {each.message for each in rig.inputs} else "sent"

@@ -29,9 +29,7 @@ class Orders:
     """Reads the orders of a rig's test bench, and has a target execute them."""
 
     def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
-        self._rig = rig
-        self._target = target
-        self._say = say
+        self._rig, self._target, self._say = rig, target, say
         self._known: dict[int, list[OrderMessage]] = {}
         for each in rig.orders:
             self._known.setdefault(each.identifier, []).append(each)
@@ -81,12 +79,11 @@ class Orders:
             except ConfigError as error:
                 self._refuse(name, time, error)
                 continue
-            if not done:
-                continue
-            self.count += 1
-            if self.count <= _MOST_LISTED:
-                self.done.append(f"{time:.3f} s: {done}")
-            self._tell(self.count, f"{time:.3f} s: {name}: {done}")
+            if done:
+                self.count += 1
+                if self.count <= _MOST_LISTED:
+                    self.done.append(f"{time:.3f} s: {done}")
+                self._tell(self.count, f"{time:.3f} s: {name}: {done}")
 
     def _refuse(self, name: str, time: float, error: ConfigError) -> None:
         self.refused += 1
@@ -105,7 +102,11 @@ class Orders:
         """Execute an order, and return it in words; "": it is in force already. Raises ConfigError."""
         what = order.what
         if what == REQUEST:
-            return self._request(content["action"].label, now)
+            action = content["action"].label
+            if action == NOTHING:
+                return ""
+            self._buttons.request(action, now)
+            return f"request {action}"
         if what in (FAULT, BABBLING):
             return self._fault(what, content, now)
         name, value = content["name"].label, content["value"].number
@@ -119,16 +120,14 @@ class Orders:
         self._buttons.forget(name)
         return f"{name} = {_short(value)}"
 
-    def _request(self, action: str, now: float) -> str:
-        if action == NOTHING:
-            return ""
-        self._buttons.request(action, now)
-        return f"request {action}"
-
     def _fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
         is_on = content["on"].number != 0.0
         if what == FAULT and content["kind"].label == NOTHING:
-            return "" if is_on else self._end_all()
+            if is_on:
+                return ""
+            self._target.inject(())
+            self._faults.clear()
+            return "all faults end"
         which = which_ordered(self._rig, what, content)
         label = " ".join([each for each in which[:2] if each != NOTHING])
         others = {key: each for key, each in self._faults.items() if key != which}
@@ -151,11 +150,6 @@ class Orders:
         if taken is not None and what == FAULT:
             with_value = [f"{taken} {_short(content['value'].number)}"]
         return ", ".join([f"{label} begins", *with_value, *([which[2]] if which[2] else [])])
-
-    def _end_all(self) -> str:
-        self._target.inject(())
-        self._faults.clear()
-        return "all faults end"
 
 
 def _short(value: Any) -> str:

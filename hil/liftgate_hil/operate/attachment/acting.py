@@ -38,7 +38,13 @@ class Acting:
         force that each drive's spring has.
         """
         rod = self._obstacle(time_s)
-        return {"obstacle": None if rod.stiffness == 0.0 else _described(rod), "spring_health": self._springs()}
+        described = {
+            "angle_deg": round(math.degrees(rod.angle), 9),
+            "distance": float(rod.distance),
+            "meets": "closing" if rod.direction > 0.0 else "opening",
+        }
+        springs = {side: float(self.stimuli.faults.row[place]) for side, place in self._places.items()}
+        return {"obstacle": None if rod.stiffness == 0.0 else described, "spring_health": springs}
 
     def _obstacle(self, time_s: float) -> Obstacle:
         """Return the obstacle with the precedence of a tick: what was commanded, a panel's, the scenario's."""
@@ -49,20 +55,9 @@ class Acting:
         found: Obstacle = panel_obstacle(self.config, self.reception.values, below)
         return found
 
-    def _springs(self) -> dict[str, float]:
-        return {side: float(self.stimuli.faults.row[place]) for side, place in self._places.items()}
-
     @functools.cached_property
     def _places(self) -> dict[str, int]:
         """Places of the springs' health among the gate's constants, by drive."""
         names = list(numbers_of(constants_of(self.vehicle)))
         sides = ("left", "right")[: self.vehicle.drives]
         return {side: names.index(f"plant.{side}.spring.health") for side in sides}
-
-
-def _described(rod: Obstacle) -> Mapping[str, object]:
-    return {
-        "angle_deg": round(math.degrees(rod.angle), 9),
-        "distance": float(rod.distance),
-        "meets": "closing" if rod.direction > 0.0 else "opening",
-    }

@@ -308,10 +308,7 @@ class _Connection:
         wire.settimeout(_PATIENCE_S)
 
     def read(self) -> list[Any]:
-        """Return the questions received.
-
-        Raises OSError where the client has left, ValueError for invalid bytes.
-        """
+        """Return the questions received. Raises OSError where the client has left, ValueError for invalid ones."""
         come = self._wire.recv(65_536)
         if not come:
             raise OSError("it has left")
