@@ -1,7 +1,8 @@
 """Isolation of code that may crash, hang or keep statics, in a process of its own: the caller's side.
 
-The worker gets a pickled plan on stdin and answers over a channel of its own (`processes.answers`). The memory of
-its loop can be read from here, which shows its progress. Every wait has a deadline.
+The worker gets a pickled plan on stdin and answers over a channel of its own (`isolate.answers`). The memory of
+its loop can be read from here: it shows the worker's signs of life, which are its progress and whether an ECU's
+own code runs. Every wait has a deadline.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.errors import EcuError
 from liftgate_hil.isolate.answers import PLACE, AnswerChannel, BadAnswerError
@@ -177,3 +181,27 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         os.killpg(child.pid, signal.SIGKILL)
     with contextlib.suppress(subprocess.TimeoutExpired):
         child.wait(_KILL_S)
+
+
+@contextlib.contextmanager
+def foreign_code(memory: Memory | None) -> Iterator[None]:
+    """Mark in the memory, if there is one, that an ECU's own code runs, which may hang."""
+    if memory is None:
+        yield
+        return
+    memory.shared.control.foreign += 1
+    try:
+        yield
+    finally:
+        memory.shared.control.foreign += 1
+
+
+class ProgressSink:
+    """Sink that notes in the memory the progress of a loop that has a memory of its own."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._control = memory.shared.control[0]
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Count the rows as ticks."""
+        self._control.tick += len(rows)

@@ -36,7 +36,7 @@ from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.suffixes import Limit
 from liftgate_hil.isolate.children import in_memory, keep_nice_value
-from liftgate_hil.isolate.ring_recorder import RingPlace, RingRecorder, place_in
+from liftgate_hil.isolate.recorders import RingPlace, RingRecorder, place_in
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.plan.recording_trigger import Trigger, Triggered
 

@@ -14,7 +14,7 @@ from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import check_file
 from liftgate_hil.formats.suffixes import RECORDED, WITH_MARKS
 from liftgate_hil.isolate.recorder_process import RecorderProcess
-from liftgate_hil.isolate.ring_recorder import RingPlace, place_in
+from liftgate_hil.isolate.recorders import RingPlace, place_in
 from liftgate_hil.plan.provenance import content_of
 from liftgate_hil.signals import COLUMN_PLACE
 

@@ -22,10 +22,9 @@ from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.tick import LoopConfig
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.loop_start import loop_config_of
 from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
-from liftgate_hil.plan.request import RunRequest, ticks_of
+from liftgate_hil.plan.request import Job, RunRequest, ticks_of
 from liftgate_hil.plan.setup import Setup, rig_of, setup_for
 from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
 from liftgate_hil.stimuli.command_queue import CLOSED, Opening

@@ -24,8 +24,8 @@ from liftgate_hil.judging.verdict import Verdict, margin_text, times_text
 from liftgate_hil.loop.listener import Listener, Relay, RunStatus
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.operate.attachment import endpoint
-from liftgate_hil.operate.attachment.acting import Acting
 from liftgate_hil.operate.attachment.description import Description
+from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.attachment.phase import PhaseTracker
 from liftgate_hil.operate.operator import Operator
 
