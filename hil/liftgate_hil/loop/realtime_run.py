@@ -102,9 +102,8 @@ class RealtimeRun:
     # False: another run goes on where this one ends; that one reports what `realtime` was refused.
     is_last: bool = True
     is_first: bool = True  # False: another run has used the line before
-    spoilt: Callable[[], str] = lambda: (
-        ""
-    )  # why the run is of no use any more, by what `sinks` have seen; "": it is
+    # Why the run is of no use any more, by what `sinks` have seen; "": it is.
+    spoilt: Callable[[], str] = lambda: ""
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
     _spoilt: str = ""  # why the run was ended
