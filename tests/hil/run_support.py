@@ -16,9 +16,8 @@ from liftgate_hil.config.settings import settings_of
 from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.episode import Episode, LoopStart
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import TimedStimuli

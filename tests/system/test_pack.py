@@ -13,9 +13,8 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.config.shipped import shipped_folder
 from liftgate_hil.ecu.mutants import MUTANTS
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.testing import scenario_files, suite
 from liftgate_hil.testing.outcome import Case
 

@@ -18,8 +18,7 @@ from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.doctor.examination import Examination
 from liftgate_hil.doctor.request import DoctorRequest
 from liftgate_hil.doctor.timing import steal, stolen_percent
-from liftgate_hil.plan.job import Job
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.testing import scenario_files, suite
 from liftgate_hil.testing.mutation import mutate
 from liftgate_hil.testing.outcome import Outcome

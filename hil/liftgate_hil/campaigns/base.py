@@ -15,8 +15,8 @@ import numpy as np
 
 from liftgate_hil.campaigns.distributions import Floats
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan
+from liftgate_hil.plan.request import Job
 from liftgate_hil.version import versions
 
 ID_DIGITS = 32  # of a variant's hash: 128 bits, no two of 10¹² variants alike (birthday bound 1e-15)

@@ -26,7 +26,7 @@ from liftgate_hil.drive.start import SharedStarts, reference_copied, started
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import PORT, REFERENCE, NodeState
 from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
-from liftgate_hil.isolate.signs_of_life import foreign_code
+from liftgate_hil.isolate.isolation import foreign_code
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.table import BLOCK
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst

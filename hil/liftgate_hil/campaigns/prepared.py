@@ -23,9 +23,8 @@ from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan, plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.plan.setup import rig_of, scenario_of
 
 LEAST_OF_A_PROBABILITY = 1200  # evaluations: with fewer, the levels of a small probability are chance

@@ -108,9 +108,8 @@ class _Compiling(Listener):
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
     from liftgate_hil.drive.run import execute
-    from liftgate_hil.plan.job import Job
     from liftgate_hil.plan.plan import plan_of
-    from liftgate_hil.plan.request import CLOCKS, RunRequest
+    from liftgate_hil.plan.request import CLOCKS, Job, RunRequest
 
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / "scenario.toml"

@@ -76,8 +76,8 @@ class ShownRun(NamedTuple):
         from liftgate_hil.drive.ecu_process import execute_with_process
         from liftgate_hil.drive.run import execute
         from liftgate_hil.ecu.find import is_foreign
-        from liftgate_hil.plan.job import Job
         from liftgate_hil.plan.plan import plan_of
+        from liftgate_hil.plan.request import Job
 
         teller = Teller(self.call.is_quiet, self.call.is_json, f"{request.rate:g} Hz, clock {request.clock}")
         job = Job(

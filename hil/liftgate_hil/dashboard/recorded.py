@@ -28,7 +28,7 @@ from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known,
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.recording import AS_IT_IS, ReadOptions, Recording
 from liftgate_hil.operate.attachment.description import expectations_of, limits_of
-from liftgate_hil.operate.attachment.geometry import geometry_of
+from liftgate_hil.operate.attachment.drawing import geometry_of
 from liftgate_hil.plan.fault_columns import INJECTED
 from liftgate_hil.plan.recorded_setup import RecordedSetup
 from liftgate_hil.plan.setup import vehicle_from

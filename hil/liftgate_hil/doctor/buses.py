@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.doctor.check import Check, number, read
+from liftgate_hil.doctor.check import Check, judged, number, read
 
 _CAN = "280"  # ARPHRD_CAN
 _UP = 0x1  # IFF_UP
@@ -47,12 +47,9 @@ def socketcan(attempt: Callable[[], None] = open_can) -> Check:
     try:
         attempt()
     except OSError as error:
-        return Check(
-            "SocketCAN",
-            "warning",
-            f"not available ({error.strerror or error}): --bus socketcan: cannot be used",
-            "sudo modprobe can_raw; if there is no such module, boot a kernel with CONFIG_CAN",
-        )
+        found = f"not available ({error.strerror or error}): --bus socketcan: cannot be used"
+        mend = "sudo modprobe can_raw; if there is no such module, boot a kernel with CONFIG_CAN"
+        return judged("SocketCAN", found, mend)
     return Check("SocketCAN", "ok", "available")
 
 
@@ -61,14 +58,8 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
     paths = sorted((root / "sys/class/net").glob("*/type"))
     names = [path.parent.name for path in paths if read(path.parent, "type") == _CAN]
     if not names:
-        return [
-            Check(
-                "CAN interfaces",
-                "warning",
-                "none",
-                f"plug an adapter in; without hardware: {VCAN}; or use --bus udp_multicast:239.74.163.2",
-            )
-        ]
+        mend = f"plug an adapter in; without hardware: {VCAN}; or use --bus udp_multicast:239.74.163.2"
+        return [judged("CAN interfaces", "none", mend)]
     return [_interface(root, name, link_of(details(name))) for name in names]
 
 
@@ -107,7 +98,7 @@ def _interface(root: Path, name: str, link: Mapping[str, object]) -> Check:
         )
     elif is_real and queue < _QUEUE:
         mend = f"sudo ip link set {name} txqueuelen 100"
-    return Check(name, "warning" if mend else "ok", ", ".join(filter(None, words)), mend)
+    return judged(name, ", ".join(filter(None, words)), mend)
 
 
 def ask_ip(name: str) -> str:
@@ -155,12 +146,8 @@ class Detection:
 
 
 def _undetected(why: str) -> Check:
-    return Check(
-        "adapters",
-        "warning",
-        why,
-        "unplug adapters one by one, or name yours: liftgate-hil --bus INTERFACE:CHANNEL",
-    )
+    mend = "unplug adapters one by one, or name yours: liftgate-hil --bus INTERFACE:CHANNEL"
+    return judged("adapters", why, mend)
 
 
 def adapters(found: Sequence[Sequence[str]]) -> Check:
@@ -170,8 +157,7 @@ def adapters(found: Sequence[Sequence[str]]) -> Check:
         for interface, channel in found
         if interface not in ("virtual", "udp_multicast", "serial", "socketcan")
     ]
-    text = ", ".join(with_hardware) or "none"
-    return Check("adapters", "ok", f"found by python-can's drivers: {text}")
+    return Check("adapters", "ok", f"found by python-can's drivers: {', '.join(with_hardware) or 'none'}")
 
 
 def list_ports() -> list[Any]:
@@ -195,7 +181,7 @@ def serial_ports(ports: Sequence[Any], user: str) -> Check:
                 shut.append(port.device)
     group = _group_of(shut[0]) if shut else ""
     mend = f"sudo usermod -aG {group} {user}, then log in again" if shut else ""
-    return Check("serial ports", "warning" if mend else "ok", ", ".join(words), mend)
+    return judged("serial ports", ", ".join(words), mend)
 
 
 def _group_of(device: str) -> str:

@@ -32,9 +32,9 @@ class Check(NamedTuple):
         return lines
 
 
-def judged(check: str, found: str, mend: str = "", level: Level = "warning") -> Check:
-    """Return a check that is `ok` where there is nothing to mend, else of `level`."""
-    return Check(check, level if mend else "ok", found, mend)
+def judged(check: str, found: str, mend: str = "") -> Check:
+    """Return a check that is `ok` where there is nothing to mend, else a warning."""
+    return Check(check, "warning" if mend else "ok", found, mend)
 
 
 def read(root: Path, name: str) -> str:

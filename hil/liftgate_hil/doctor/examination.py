@@ -36,8 +36,11 @@ class Examination:
         if not self.problems():
             with contextlib.closing(buses.Detection()) as detection:
                 self._look_at_machine()
-                self._look_at_software()
-                self._look_at_buses(detection)
+                folder = compiler.cache_folder()
+                self._add(software.versions(), software.model(compiler.enabled(), _is_compiled(), folder))
+                self._add(buses.socketcan(), *buses.interfaces(ROOT, buses.ask_ip))
+                self._add(buses.serial_ports(buses.list_ports(), user_name()))
+                self._add(detection.wait())
             if all(check.check != "software" or check.level == "ok" for check in self.checks):
                 self._measure()
         self._add(timing.verdict(self.request.rate, self._modes, self._tick, self.problems()))
@@ -52,8 +55,7 @@ class Examination:
             self.tell(check)
 
     def _look_at_machine(self) -> None:
-        allowed = os.sched_getaffinity(0)
-        user = user_name()
+        allowed, user = os.sched_getaffinity(0), user_name()
         self._add(
             machine.kernel(ROOT),
             machine.cpus(ROOT, allowed),
@@ -71,14 +73,6 @@ class Examination:
             limits.receive_buffer(ROOT),
         )
 
-    def _look_at_software(self) -> None:
-        self._add(software.versions(), software.model(compiler.enabled(), _is_compiled(), compiler.cache_folder()))
-
-    def _look_at_buses(self, detection: buses.Detection) -> None:
-        self._add(buses.socketcan(), *buses.interfaces(ROOT, buses.ask_ip))
-        self._add(buses.serial_ports(buses.list_ports(), user_name()))
-        self._add(detection.wait())
-
     def _measure(self) -> None:
         may = limits.may_have_fifo(ROOT)
         times = 2 if may or self.request.realtime else 1
@@ -94,8 +88,7 @@ class Examination:
         else:  # as runs are not unless --no-realtime is given
             found = timing.lateness("without FIFO", plain, rate)
             self._add(found._replace(level="ok", found=f"{found.found}; concerns runs with --no-realtime only"))
-        shares = timing.stolen_percent(before, timing.steal(ROOT))
-        self._add(timing.stolen(shares))
+        self._add(timing.stolen(shares := timing.stolen_percent(before, timing.steal(ROOT))))
         if compiler.enabled() and _is_compiled():
             self._tick = timing.measure_tick(rate, Realtime(self.request.cpu) if fifo else None)
         self._add(timing.tick_cost(self._tick, rate))

@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from liftgate_hil.doctor.check import Check, number, read
+from liftgate_hil.doctor.check import Check, judged, number, read
 from liftgate_hil.loop.locked_memory import CAP_IPC_LOCK, has_capability, short_of_memory
 from liftgate_hil.loop.priority import PRIORITY
 from liftgate_hil.transport.receive_buffer import RECEIVE_BUFFER
@@ -50,50 +50,39 @@ def priority(root: Path, user: str) -> Check:
     if may_have_fifo(root):
         return Check("FIFO priority", "ok", f"runs in real time may use priority {PRIORITY}")
     limit = _limit(root, "Max realtime priority")
-    return Check(
-        "FIFO priority",
-        "warning",
-        f"this user may have at most {limit}, a run in real time requests {PRIORITY}: other programs can hold up "
-        "the loop",
-        _allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO"),
-    )
+    found = f"this user may have at most {limit}, a run in real time requests {PRIORITY}"
+    mend = _allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO")
+    return judged("FIFO priority", f"{found}: other programs can hold up the loop", mend)
 
 
 def memory(root: Path, user: str) -> Check:
     """Check whether this user may lock enough memory."""
     if short := short_of_memory(root):
-        return Check("locked memory", "warning", short.partition("; ")[0], "give the container more memory")
+        return judged("locked memory", short.partition("; ")[0], "give the container more memory")
     if may_lock_memory(root):
         return Check("locked memory", "ok", "runs in real time may lock their memory")
     limit = _limit(root, "Max locked memory") / 2**20
-    return Check(
-        "locked memory",
-        "warning",
-        f"this user may lock {limit:.0f} MiB, a run has more: a page fault can hold up the loop",
-        _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity"),
-    )
+    found = f"this user may lock {limit:.0f} MiB, a run has more: a page fault can hold up the loop"
+    mend = _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity")
+    return judged("locked memory", found, mend)
 
 
 def sleep_states(root: Path) -> Check:
     """Check whether --realtime may keep CPUs out of sleep states from which they wake slowly."""
-    path = root / "dev/cpu_dma_latency"
+    path, found, mend = root / "dev/cpu_dma_latency", "--realtime may disable deep states", ""
     if not path.exists():
-        return Check(
-            "CPU sleep states",
-            "warning",
-            "no /dev/cpu_dma_latency: --realtime cannot keep the CPUs out of deep sleep states",
+        found = "no /dev/cpu_dma_latency: --realtime cannot keep the CPUs out of deep sleep states"
+        mend = (
             "give the container the device (docker --device /dev/cpu_dma_latency), or boot with "
-            "processor.max_cstate=1 idle=poll",
+            "processor.max_cstate=1 idle=poll"
         )
-    if os.access(path, os.W_OK):
-        return Check("CPU sleep states", "ok", "--realtime may disable deep states")
-    return Check(
-        "CPU sleep states",
-        "warning",
-        "this user may not write /dev/cpu_dma_latency: waking from a deep state takes up to 200 µs",
-        'sudo chmod o+w /dev/cpu_dma_latency; permanently: echo \'KERNEL=="cpu_dma_latency", '
-        'MODE="0666"\' | sudo tee /etc/udev/rules.d/90-liftgate.rules',
-    )
+    elif not os.access(path, os.W_OK):
+        found = "this user may not write /dev/cpu_dma_latency: waking from a deep state takes up to 200 µs"
+        mend = (
+            'sudo chmod o+w /dev/cpu_dma_latency; permanently: echo \'KERNEL=="cpu_dma_latency", '
+            'MODE="0666"\' | sudo tee /etc/udev/rules.d/90-liftgate.rules'
+        )
+    return judged("CPU sleep states", found, mend)
 
 
 def swap(root: Path, locked: bool) -> Check:
@@ -105,20 +94,15 @@ def swap(root: Path, locked: bool) -> Check:
     found = f"{used:.0f} MiB in use"
     if used == 0.0 or locked:
         return Check("swap", "ok", f"{found}{', but memory is locked' if used else ''}")
-    return Check(
-        "swap",
-        "warning",
-        f"{found}, and memory cannot be locked",
-        "allow that as advised above, or sudo swapoff -a",
-    )
+    mend = "allow that as advised above, or sudo swapoff -a"
+    return judged("swap", f"{found}, and memory cannot be locked", mend)
 
 
 def rivals(root: Path) -> Check:
     """Check for other programs' FIFO tasks for which the loop may have to wait."""
     found = []
-    own = str(os.getpid())
     for path in (root / "proc").glob("[0-9]*/stat"):
-        if path.parent.name == own:
+        if path.parent.name == str(os.getpid()):
             continue
         text = read(root, str(path.relative_to(root)))
         name, _, rest = text.partition("(")[2].rpartition(")")
@@ -129,12 +113,8 @@ def rivals(root: Path) -> Check:
             found.append(f"{name} ({path.parent.name}) at {fields[37]}")
     if not found:
         return Check("other FIFO tasks", "ok", f"none at the loop's priority {PRIORITY} or above")
-    return Check(
-        "other FIFO tasks",
-        "warning",
-        f"{', '.join(found)}: can delay the loop at priority {PRIORITY}",
-        f"lower their priority (sudo chrt -f -p {PRIORITY - 10} PID), or stop them",
-    )
+    mend = f"lower their priority (sudo chrt -f -p {PRIORITY - 10} PID), or stop them"
+    return judged("other FIFO tasks", f"{', '.join(found)}: can delay the loop at priority {PRIORITY}", mend)
 
 
 def receive_buffer(root: Path) -> Check:
@@ -142,10 +122,7 @@ def receive_buffer(root: Path) -> Check:
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
         return Check("receive buffer", "ok", f"CAN sockets get {RECEIVE_BUFFER >> 20} MiB")
-    return Check(
-        "receive buffer",
-        "warning",
-        f"CAN sockets get {allowed >> 10} KiB, not {RECEIVE_BUFFER >> 20} MiB: frames are lost if the loop stalls",
-        f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}; permanently: a line "
-        f"net.core.rmem_max={RECEIVE_BUFFER} in /etc/sysctl.d/90-liftgate.conf",
-    )
+    found = f"CAN sockets get {allowed >> 10} KiB, not {RECEIVE_BUFFER >> 20} MiB"
+    setting = f"net.core.rmem_max={RECEIVE_BUFFER}"
+    mend = f"sudo sysctl -w {setting}; permanently: a line {setting} in /etc/sysctl.d/90-liftgate.conf"
+    return judged("receive buffer", f"{found}: frames are lost if the loop stalls", mend)

@@ -8,6 +8,7 @@ from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check, judged, number, ranges, read
+from liftgate_hil.errors import number_of
 from liftgate_hil.loop.priority import cpus_of
 
 _CPU = "sys/devices/system/cpu"
@@ -19,13 +20,10 @@ def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byte
     """Check whether the real-time loop can run on this platform."""
     bits = bits or (64 if sys.maxsize > 2**32 else 32)
     found = f"{name}, {bits} bit, {byte_order}-endian"
-    fit = name == "linux" and bits == 64 and byte_order == "little"
-    return judged(
-        "platform",
-        found if fit else f"{found}: clocks free and lockstep only",
-        "" if fit else "use 64-bit little-endian Linux (x86-64 or arm64)",
-        "problem",
-    )
+    if name == "linux" and bits == 64 and byte_order == "little":
+        return Check("platform", "ok", found)
+    mend = "use 64-bit little-endian Linux (x86-64 or arm64)"
+    return Check("platform", "problem", f"{found}: clocks free and lockstep only", mend)
 
 
 def kernel(root: Path) -> Check:
@@ -36,34 +34,19 @@ def kernel(root: Path) -> Check:
         flavour = "PREEMPT_RT"
     found = f"Linux {read(root, 'proc/sys/kernel/osrelease') or 'of unknown version'}, {flavour}"
     if flavour == "PREEMPT_DYNAMIC":
-        chosen = _chosen_preemption(root)
-        found += (
-            f", preempt={chosen}"
-            if chosen
-            else ", mode unknown (sudo cat /sys/kernel/debug/sched/preempt shows it)"
-        )
-        if chosen == "full":
+        chosen = re.search(r"\((\w+)\)", read(root, "sys/kernel/debug/sched/preempt"))
+        chosen = chosen or re.search(r"(?:^|\s)preempt=(\w+)", read(root, "proc/cmdline"))
+        unknown = "mode unknown (sudo cat /sys/kernel/debug/sched/preempt shows it)"
+        found += f", preempt={chosen[1]}" if chosen else f", {unknown}"
+        if chosen and chosen[1] == "full":
             return Check("kernel", "ok", found)
         mend = "add preempt=full to the kernel's command line"
     elif flavour in ("PREEMPT_RT", "PREEMPT"):
         return Check("kernel", "ok", found)
     else:
         mend = "boot a kernel with preemption"
-    return Check(
-        "kernel",
-        "warning",
-        found,
-        f"{mend}; best is PREEMPT_RT: apt install linux-image-rt-amd64 (Debian), "
-        "pro enable realtime-kernel (Ubuntu)",
-    )
-
-
-def _chosen_preemption(root: Path) -> str:
-    """Return the preemption mode in use of a kernel that can change it; "" where it is not reported."""
-    chosen = re.search(r"\((\w+)\)", read(root, "sys/kernel/debug/sched/preempt"))
-    if chosen is None:
-        chosen = re.search(r"(?:^|\s)preempt=(\w+)", read(root, "proc/cmdline"))
-    return chosen[1] if chosen else ""
+    best = "apt install linux-image-rt-amd64 (Debian), pro enable realtime-kernel (Ubuntu)"
+    return judged("kernel", found, f"{mend}; best is PREEMPT_RT: {best}")
 
 
 def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
@@ -71,7 +54,7 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
     info = read(root, "proc/cpuinfo")
     names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
     online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
-    found = f"{names[1].strip() if names else 'unknown model'}, {_counted(len(online))}"
+    found = f"{names[1].strip() if names else 'unknown model'}, {number_of(len(online), 'CPU')}"
     if len(allowed) < len(online):
         found += f", this process may use {ranges(list(allowed))}"
     mend = ""
@@ -80,36 +63,22 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
     return judged("CPUs", found, mend)
 
 
-def _counted(count: int) -> str:
-    return "1 CPU" if count == 1 else f"{count} CPUs"
-
-
 def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
     """Check which CPU --realtime would take, and whether the loop has it alone."""
     alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
     if wanted is not None and wanted not in allowed:
-        return Check(
-            "loop's CPU",
-            "problem",
-            f"CPU {wanted} is not one that this process may use",
-            f"--cpu with one of {ranges(list(allowed))}",
-        )
+        found, mend = f"CPU {wanted} is not one that this process may use", ranges(list(allowed))
+        return Check("loop's CPU", "problem", found, f"--cpu with one of {mend}")
     cpu = wanted if wanted is not None else max(alone & allowed or allowed)
+    found, mend = f"--realtime takes CPU {cpu}", ""
     if cpu in alone:
-        return Check("loop's CPU", "ok", f"--realtime takes CPU {cpu}, which is isolated")
-    if alone:
-        return Check(
-            "loop's CPU",
-            "warning",
-            f"--realtime takes CPU {cpu}, but the isolated ones are {ranges(list(alone))}",
-            f"--cpu {max(alone)}, and let this process use it (taskset, docker --cpuset-cpus)",
-        )
-    return Check(
-        "loop's CPU",
-        "ok",
-        f"--realtime takes CPU {cpu}; none is isolated (isolcpus={cpu} on the kernel's command line "
-        "would keep other tasks off it)",
-    )
+        found += ", which is isolated"
+    elif alone:
+        found += f", but the isolated ones are {ranges(list(alone))}"
+        mend = f"--cpu {max(alone)}, and let this process use it (taskset, docker --cpuset-cpus)"
+    else:
+        found += f"; none is isolated (isolcpus={cpu} on the kernel's command line would keep other tasks off it)"
+    return judged("loop's CPU", found, mend)
 
 
 def quota(root: Path) -> Check:
@@ -118,12 +87,8 @@ def quota(root: Path) -> Check:
     limits += _quotas(root, r"^\d+:(?:cpu|cpu,cpuacct):(.*)$", "sys/fs/cgroup/cpu")
     if not limits:
         return Check("CPU quota", "ok", "none")
-    return Check(
-        "CPU quota",
-        "warning",
-        f"the cgroup of this process may use {min(limits):g} CPUs, beyond that it is throttled",
-        "start the container without --cpus, the service without CPUQuota=",
-    )
+    found = f"the cgroup of this process may use {min(limits):g} CPUs, beyond that it is throttled"
+    return judged("CPU quota", found, "start the container without --cpus, the service without CPUQuota=")
 
 
 def _quotas(root: Path, line: str, mount: str) -> list[float]:
@@ -164,12 +129,8 @@ def virtual(root: Path) -> Check:
     if not kind and (flags is None or "hypervisor" not in flags[1].split()):
         return Check("virtual machine", "ok", "no")
     name = kind.strip("\0") or read(root, "sys/class/dmi/id/sys_vendor")
-    return Check(
-        "virtual machine",
-        "warning",
-        f"yes{f' ({name})' if name else ''}: its host can halt it at any time",
-        "use a real machine for results that count, or pin its virtual CPUs to CPUs of the host",
-    )
+    mend = "use a real machine for results that count, or pin its virtual CPUs to CPUs of the host"
+    return judged("virtual machine", f"yes{f' ({name})' if name else ''}: its host can halt it at any time", mend)
 
 
 def throttling(root: Path) -> Check:
@@ -181,11 +142,8 @@ def throttling(root: Path) -> Check:
     if runtime == -1:
         return Check("FIFO share", "ok", "unlimited")
     share = runtime / period
-    return judged(
-        "FIFO share",
-        f"FIFO tasks may use {100.0 * share:g} % of a CPU",
-        "" if share >= 0.9 else "sudo sysctl -w kernel.sched_rt_runtime_us=950000",
-    )
+    mend = "" if share >= 0.9 else "sudo sysctl -w kernel.sched_rt_runtime_us=950000"
+    return judged("FIFO share", f"FIFO tasks may use {100.0 * share:g} % of a CPU", mend)
 
 
 def clock(root: Path) -> Check:
@@ -199,4 +157,4 @@ def clock(root: Path) -> Check:
     mend = "boot with tsc=reliable if the TSC is reliable (see dmesg | grep -i tsc)"
     if others:
         mend = f"echo {others[0]} | sudo tee /{_CLOCK}/current_clocksource"
-    return Check("clock source", "warning", f"{current}, slow or coarse to read", mend)
+    return judged("clock source", f"{current}, slow or coarse to read", mend)

@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import liftgate_compiler as compiler
-from liftgate_hil.doctor.check import Check
+from liftgate_hil.doctor.check import Check, judged
 from liftgate_hil.version import PACKAGES
 
 WARM = "liftgate-hil compile"
@@ -26,12 +26,8 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
     text = ", ".join(found)
     needed = [name for name in missing if name in PACKAGES]
     if needed:
-        return Check(
-            "software",
-            "problem",
-            f"{text}; missing: {', '.join(needed)}",
-            f"python -m pip install {' '.join(needed)}",
-        )
+        mend = f"python -m pip install {' '.join(needed)}"
+        return Check("software", "problem", f"{text}; missing: {', '.join(needed)}", mend)
     try:
         compiler.check_numba()
     except compiler.CompileError as error:
@@ -46,27 +42,17 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
     `enabled`: the compiler is switched on; `cached`: the machine code is there.
     """
     if not enabled:
-        return Check(
-            "compiled model",
-            "warning",
-            "the compiler is switched off (LIFTGATE_COMPILE=0): ticks take 20 to 50 times as long",
-            "unset LIFTGATE_COMPILE",
-        )
-    if cached:
-        return Check("compiled model", "ok", f"ready, in {folder}")
-    if not _can_be_made(folder):
-        return Check(
-            "compiled model",
-            "warning",
-            f"cannot be cached, {folder} is not writable: every start compiles it, 20 to 90 s",
-            "set XDG_CACHE_HOME to a folder that this user may write",
-        )
-    return Check(
-        "compiled model",
-        "warning",
-        "not compiled yet: the first start compiles it, 20 to 90 s",
-        f"{WARM} (once for this version, machine and user)",
-    )
+        found = "the compiler is switched off (LIFTGATE_COMPILE=0): ticks take 20 to 50 times as long"
+        mend = "unset LIFTGATE_COMPILE"
+    elif cached:
+        found, mend = f"ready, in {folder}", ""
+    elif not _can_be_made(folder):
+        found = f"cannot be cached, {folder} is not writable: every start compiles it, 20 to 90 s"
+        mend = "set XDG_CACHE_HOME to a folder that this user may write"
+    else:
+        found = "not compiled yet: the first start compiles it, 20 to 90 s"
+        mend = f"{WARM} (once for this version, machine and user)"
+    return judged("compiled model", found, mend)
 
 
 def _can_be_made(folder: Path) -> bool:

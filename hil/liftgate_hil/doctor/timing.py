@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from liftgate_hil.described_result import DescribedResult, Shown
-from liftgate_hil.doctor.check import Check, Level, number, read
+from liftgate_hil.doctor.check import Check, Level, judged, number, read
 from liftgate_hil.loop.histogram import Quantiles
 
 if TYPE_CHECKING:
@@ -119,10 +119,7 @@ def steal(root: Path) -> dict[str, tuple[int, int]]:
 
 
 def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]) -> dict[str, float]:
-    """Return, by CPU, the share of time [%] that the host of a virtual machine took between two readings.
-
-    A reading is (stolen, total) time of each CPU in clock ticks; a CPU that is missing from either is left out.
-    """
+    """Return the share of time [%] that a virtual machine's host took between two readings of `steal`, by CPU."""
     return {
         name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
         for name, (taken, total) in before.items()
@@ -135,12 +132,8 @@ def stolen(shares: dict[str, float]) -> Check:
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] <= 0.0:
         return Check("stolen time", "ok", "none during the measurement")
-    return Check(
-        "stolen time",
-        "warning",
-        f"the host took {shares[worst]:.1f} % of {worst.upper()}'s time during the measurement",
-        "give this virtual machine CPUs of its own, or use a real machine",
-    )
+    found = f"the host took {shares[worst]:.1f} % of {worst.upper()}'s time during the measurement"
+    return judged("stolen time", found, "give this virtual machine CPUs of its own, or use a real machine")
 
 
 def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
@@ -160,13 +153,9 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
     """Check the lateness and the missed periods of a measurement."""
     from liftgate_hil.loop.statistics import in_words
 
-    few = wakeups.missed_share <= FEW
-    return Check(
-        name,
-        "ok" if few else "warning",
-        f"{in_words(wakeups.lateness)} at {rate:g} Hz; {wakeups.missed} of {wakeups.periods} periods missed",
-        "" if few else mend,
-    )
+    missed = f"{wakeups.missed} of {wakeups.periods} periods missed"
+    found, few = f"{in_words(wakeups.lateness)} at {rate:g} Hz; {missed}", wakeups.missed_share <= FEW
+    return Check(name, "ok" if few else "warning", found, "" if few else mend)
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
@@ -174,27 +163,19 @@ def given(refused: Sequence[str], asked: bool) -> Check:
     if not refused:
         return Check("real time", "ok", "a run gets everything that it requests")
     parts = [text.partition("; ") for text in refused]
-    return Check(
-        "real time",
-        "warning" if asked else "ok",
-        f"refused: {', '.join(what for what, _, _ in parts)}",
-        "; ".join(how.removeprefix("to get it: ") for _, _, how in parts) if asked else "",
-    )
+    found = f"refused: {', '.join(what for what, _, _ in parts)}"
+    mend = "; ".join(how.removeprefix("to get it: ") for _, _, how in parts)
+    return Check("real time", "warning", found, mend) if asked else Check("real time", "ok", found)
 
 
 def tick_cost(tick: Quantiles | None, rate: float) -> Check:
     """Check whether a tick fits into a period."""
     if tick is None:
         return Check("tick", "ok", "not measured: the model is not compiled yet")
-    share = 100.0 * tick.p50_us * 1e-6 * rate
+    share = f"{100.0 * tick.p50_us * 1e-6 * rate:.1f} % of a period at {rate:g} Hz"
+    found = f"takes p50 {tick.p50_us:.1f} µs, p99 {tick.p99_us:.1f} µs without a bus: {share}"
     fits = tick.p99_us + BUS_COST <= 1e6 / rate
-    return Check(
-        "tick",
-        "ok" if fits else "warning",
-        f"takes p50 {tick.p50_us:.1f} µs, p99 {tick.p99_us:.1f} µs without a bus: {share:.1f} % of a "
-        f"period at {rate:g} Hz",
-        "" if fits else "use a lower --rate, or a faster machine",
-    )
+    return judged("tick", found, "" if fits else "use a lower --rate, or a faster machine")
 
 
 def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, problems: int) -> Check:
@@ -207,9 +188,8 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, prob
     # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
     late = modes[best].lateness.p99_us
-    others = [
-        f"{mode}: {f'up to {rates[mode]} Hz' if rates[mode] else 'at no rate'}" for mode in modes if mode != best
-    ]
+    reach = {mode: f"up to {rates[mode]} Hz" if rates[mode] else "at no rate" for mode in modes}
+    others = [f"{mode}: {text}" for mode, text in reach.items() if mode != best]
     without = " --no-realtime" if best == WITHOUT and len(modes) > 1 else ""
     found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
     force = f"a command {late:.0f} µs late (p99) adds {force_of(late):.2f} N of pinch force on a 10 N/mm rod"
@@ -238,16 +218,12 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, prob
         level = "warning"
         advice = f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}"
     elif modes[best].duration < LONG_LOOK:
-        unknown = f"for tests in real time, check with --duration {LONG_LOOK:g}"
-        text = f"fit {found}; {unknown}"
+        text = f"fit {found}; for tests in real time, check with --duration {LONG_LOOK:g}"
     return Check("verdict", level, f"{text}; {force}", advice)
 
 
 def _untimely(wakeups: Wakeups) -> str:
-    """Return a text on long wake-ups: their number, and in what share of windows a verdict needs a second look.
-
-    The windows are those of `Wakeups.direct_share`; there the gate would be stepped again for a verdict.
-    """
+    """Return a text on long wake-ups: their number, and in what share of windows a verdict needs the replay."""
     from liftgate_hil.loop.wakeups import LONG_NS
 
     percent = 100.0 * (1.0 - wakeups.direct_share)

@@ -14,18 +14,17 @@ from liftgate_hil.drive.start import started
 from liftgate_hil.drive.stepping import CommandLog, StepsAgain, relevant_frames
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.isolate.signs_of_life import ProgressSink, foreign_code
+from liftgate_hil.isolate.isolation import ProgressSink, foreign_code
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, STOPPED
 from liftgate_hil.loop.listener import Relay
 from liftgate_hil.loop.tick import copied
-from liftgate_hil.operate.attachment.acting import Acting
 from liftgate_hil.operate.attachment.description import Description
+from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.attachment.server import RunEnd, Server
 from liftgate_hil.operate.ecu_reset import restarts_of
 from liftgate_hil.operate.further_recording import FurtherRecording
 from liftgate_hil.operate.observers import Observers, observers_of
-from liftgate_hil.plan.job import PRIVATE_BUS
-from liftgate_hil.plan.request import NS
+from liftgate_hil.plan.request import NS, PRIVATE_BUS
 from liftgate_hil.plan.stimulation import off_not_made, reset_not_made
 from liftgate_hil.stimuli.restbus import hand_over
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.operate.ecu_reset import Restarts
     from liftgate_hil.operate.further_recording import Mark
-    from liftgate_hil.plan.job import Job
+    from liftgate_hil.plan.request import Job
     from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
 

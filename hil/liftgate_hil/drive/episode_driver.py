@@ -8,13 +8,13 @@ from liftgate_hil.drive.driver import Driver
 from liftgate_hil.drive.recordings import Recordings
 from liftgate_hil.drive.start import started
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.isolate.signs_of_life import foreign_code
+from liftgate_hil.isolate.isolation import foreign_code
 from liftgate_hil.loop.episode import Episode
 from liftgate_hil.loop.progress_monitor import ProgressMonitor
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import copied
-from liftgate_hil.plan.job import PRIVATE_BUS
 from liftgate_hil.plan.provenance import content_of
+from liftgate_hil.plan.request import PRIVATE_BUS
 
 
 class EpisodeDriver(Driver):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.formats.guarded import Say, failures_of
 from liftgate_hil.formats.open import open_writers
-from liftgate_hil.isolate.recording_sink import RecordingSink
+from liftgate_hil.isolate.recorders import RecordingSink
 from liftgate_hil.plan.recording_trigger import Triggered
 
 if TYPE_CHECKING:

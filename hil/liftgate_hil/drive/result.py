@@ -24,7 +24,7 @@ from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import ERROR, FAIL, GIVEN_UP, INCONCLUSIVE, Verdict, Verdicts, worst
 from liftgate_hil.loop.observers import Extremes, Sink, Trace
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.plan.job import Job
+from liftgate_hil.plan.request import Job
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 
 

@@ -18,9 +18,8 @@ from liftgate_hil.drive.result import Result, nothing_of
 from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import EcuError, LiftgateError, shown
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan, plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 
 _WORKER = "liftgate_hil.drive.worker"  # module that runs a job in a process of its own
 

@@ -21,7 +21,7 @@ from liftgate_hil.ecu.mutants import mutant_ecu
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
-from liftgate_hil.isolate.signs_of_life import foreign_code
+from liftgate_hil.isolate.isolation import foreign_code
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
 from liftgate_hil.judging.verdict import ERROR, PASS

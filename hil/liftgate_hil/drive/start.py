@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE
-from liftgate_hil.isolate.signs_of_life import foreign_code
+from liftgate_hil.isolate.isolation import foreign_code
 from liftgate_hil.loop.episode import LoopStart
 from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.tick import copied

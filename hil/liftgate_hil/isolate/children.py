@@ -11,10 +11,7 @@ from typing import Any
 
 
 def in_memory(content: bytes) -> int:
-    """Return a descriptor from which the content is read, to be closed by the caller.
-
-    Unlike a pipe it never makes the writer wait.
-    """
+    """Return a descriptor, to be closed, from which the content is read; unlike a pipe it makes nobody wait."""
     descriptor = os.memfd_create("given", os.MFD_CLOEXEC)
     with open(descriptor, "wb", closefd=False) as stream:
         stream.write(content)

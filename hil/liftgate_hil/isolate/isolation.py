@@ -1,7 +1,8 @@
 """Isolation of code that may crash, hang or keep statics, in a process of its own: the caller's side.
 
 The worker gets a pickled plan on stdin and answers over a channel of its own (`isolate.answers`). The memory of
-its loop can be read from here, which shows its progress. Every wait has a deadline.
+its loop can be read from here: it shows the worker's signs of life, which are its progress and whether an ECU's
+own code runs. Every wait has a deadline.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.errors import EcuError
 from liftgate_hil.isolate.answers import PLACE, AnswerChannel, BadAnswerError
@@ -103,7 +107,8 @@ class _Watch:
         """Return the worker's answer. Raises EcuError."""
         progress, pulse = Stillness(), Stillness()
         while True:
-            self._pass_on_a_stop()
+            if self._stopped():
+                self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
             # Checked first: then all that it has sent has arrived. Its supervisor may still be at work.
             is_over = bool(select.select([self._ended], [], [], 0.0)[0])
             try:
@@ -114,17 +119,16 @@ class _Watch:
                 return payload
             if is_over:
                 raise self._failure(f"its process ended ({self._end()})")
-            if progress.of(self._progress()) > self._patience():
+            control = self._control
+            done = int(control.tick), int(control.foreign), int(control.beats)
+            if progress.of(done) > self._patience():
                 return self._late_answer(f"no response for {self._patience():g} s")
             beats = int(self._control.pulse)
             if pulse.of(beats) > self._hang_s and beats:
                 return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _late_answer(self, what: str, is_its: bool = False) -> bytes:
-        """Return an answer that came too late, but came; else raise an EcuError as `_failure` makes it.
-
-        A worker whose interpreter lock is free says where the ECU's code in Python is.
-        """
+        """Return a late answer; else raise the failure, with where the ECU's Python code is, if that is known."""
         self._control.asked = 1
         payload = None
         with contextlib.suppress(BadAnswerError):
@@ -154,25 +158,14 @@ class _Watch:
                 until = min(until, time.monotonic() + _STOP_S)
         return f"the ECU's process did not exit within {EXIT_S:g} s after the run, and was killed"
 
-    def _progress(self) -> tuple[int, int, int]:
-        control = self._control
-        return int(control.tick), int(control.foreign), int(control.beats)
-
     def _patience(self) -> float:
         """Return how long there may be no progress at present [s]."""
         if int(self._control.foreign) % 2:
             return self._hang_s
         return SILENT_S + int(self._control.tick) * self._step
 
-    def _pass_on_a_stop(self) -> None:
-        if self._stopped():
-            self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
-
     def _failure(self, what: str, is_its: bool = False) -> EcuError:
-        """Return an EcuError with the text `what` and the time of the current tick.
-
-        It names the ECU if the ECU's own code is running or `is_its` is set, else the run's process.
-        """
+        """Return an EcuError at the current tick, of the ECU if its code runs or `is_its`, else of the process."""
         ticks, is_foreign = int(self._control.tick), is_its or int(self._control.foreign) % 2
         who = "the ECU" if is_foreign else "the run's process"
         return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)
@@ -188,3 +181,27 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         os.killpg(child.pid, signal.SIGKILL)
     with contextlib.suppress(subprocess.TimeoutExpired):
         child.wait(_KILL_S)
+
+
+@contextlib.contextmanager
+def foreign_code(memory: Memory | None) -> Iterator[None]:
+    """Mark in the memory, if there is one, that an ECU's own code runs, which may hang."""
+    if memory is None:
+        yield
+        return
+    memory.shared.control.foreign += 1
+    try:
+        yield
+    finally:
+        memory.shared.control.foreign += 1
+
+
+class ProgressSink:
+    """Sink that notes in the memory the progress of a loop that has a memory of its own."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._control = memory.shared.control[0]
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Count the rows as ticks."""
+        self._control.tick += len(rows)

@@ -36,7 +36,7 @@ from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.suffixes import Limit
 from liftgate_hil.isolate.children import in_memory, keep_nice_value
-from liftgate_hil.isolate.ring_recorder import RingPlace, RingRecorder, place_in
+from liftgate_hil.isolate.recorders import RingPlace, RingRecorder, place_in
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.plan.recording_trigger import Trigger, Triggered
 
@@ -59,10 +59,7 @@ class Order(NamedTuple):
 
 
 class RecorderProcess:
-    """The recording process, seen from the emulator's side; it waits until it gets its `order`.
-
-    `names` are shown in the list of processes.
-    """
+    """The recording process, as the emulator sees it: it waits for its `order`, and is listed with `names`."""
 
     def __init__(self, memory: Memory, names: Sequence[str] = ()) -> None:
         self._names = ""
@@ -145,10 +142,7 @@ class RecorderProcess:
         self._is_ready = True
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Have a mark of up to 200 characters written at a time [s]; False: the process does not take it.
-
-        This never waits, as the thread that supervises the loop calls it.
-        """
+        """Have a mark of up to 200 characters written at a time [s], without waiting; False: it is not taken."""
         return self._failed < self._count and self._tell([time_s, text])
 
     def _tell(self, what: Any) -> bool:
@@ -269,18 +263,21 @@ def main() -> int:
     def say(text: str) -> None:
         tell(said=text, failed=len(failures_of(writers)))
 
-    def open_one(path: Path) -> None:
-        writers.append(open_writer(path, content, limit, say, patience=_PATIENCE_S))
+    def open_all() -> None:
+        for path in paths:
+            writers.append(open_writer(path, content, limit, say, patience=_PATIENCE_S))
 
     recorder = RingRecorder(memory, content, triggered, order.begin)
     if order.end is not None:
         recorder.end_at(order.end)
-    opening = _Opening(open_one, paths)
-    wakes.append(opening.ended)
+    opened, end = os.pipe()  # it can be read once all files are open, or one of them could not be opened
+    wakes.append(opened)
+    opening = ThreadPoolExecutor(1).submit(open_all)
+    opening.add_done_callback(lambda _: os.close(end))
 
     def hand_over() -> None:
-        opening.check()
-        wakes.remove(opening.ended)
+        opening.result()  # raises ConfigError for a file that cannot be opened
+        wakes.remove(opened)
         recorder.write_to(writers)
         tell(ready=True)
 
@@ -288,9 +285,9 @@ def main() -> int:
         seen = RingPlace(0, 0)
         for told in itertools.chain([first[1:]], lines):
             seen = _take(recorder, told, seen, memory)
-            if opening.ended in wakes and opening.has_ended():
+            if opened in wakes and opening.done():
                 hand_over()
-        if opening.ended in wakes:
+        if opened in wakes:
             hand_over()
     except ConfigError as error:
         for writer in writers:  # files left behind would look like a recording
@@ -302,41 +299,19 @@ def main() -> int:
         recorder.begin()  # a file without rows has its header all the same
     for writer in writers:
         writer.close()
-    failures = failures_of(writers)
-    files = [file for writer in writers for file in writer.files]
-    windows = None if triggered is None else triggered.count
-    tell(failures=failures, files=files, lost=recorder.lost, windows=windows, span=recorder.span)
+    tell(
+        failures=failures_of(writers),
+        files=[file for writer in writers for file in writer.files],
+        lost=recorder.lost,
+        windows=None if triggered is None else triggered.count,
+        span=recorder.span,
+    )
     # At a normal exit a file on a full disk would be written again, with a traceback.
-    os._exit(1 if failures else 0)
-
-
-class _Opening:
-    """Opening of files, one after the other, in a thread; `ended` can be read once it has ended."""
-
-    def __init__(self, open_one: Callable[[Path], None], paths: Sequence[Path]) -> None:
-        self.ended, self._end = os.pipe()
-        self._opening = ThreadPoolExecutor(1).submit(self._open, open_one, paths)
-        self._opening.add_done_callback(lambda _: os.close(self._end))
-
-    def _open(self, open_one: Callable[[Path], None], paths: Sequence[Path]) -> None:
-        for path in paths:
-            open_one(path)
-
-    def has_ended(self) -> bool:
-        """Whether all files are open, or one of them could not be opened."""
-        return self._opening.done()
-
-    def check(self) -> None:
-        """Wait for its end, and raise what it has failed with: ConfigError for a file that cannot be opened."""
-        self._opening.result()
+    os._exit(1 if failures_of(writers) else 0)
 
 
 def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
-    """Have the recorder read the rings, after it was told where to end, and before it is told the marks.
-
-    It reads only what had been `seen` before these lines were waited for: an end before that has come by now.
-    Returns what is seen for the next call.
-    """
+    """Have the recorder obey an end, read what was `seen` before these lines, and mark; return what is seen."""
     for each in told:
         if isinstance(each, dict):
             recorder.end_at(RingPlace(*each["end"]))
@@ -349,10 +324,7 @@ def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: 
 
 
 def _lines_until_the_end(wakes: Sequence[int]) -> Iterator[list[Any]]:
-    """Yield what has come on stdin, until it ends: True for the order, marks, and where to end.
-
-    It yields regularly, and once one of the descriptors `wakes` can be read.
-    """
+    """Yield what comes on stdin until it ends, regularly, and once one of the descriptors `wakes` can be read."""
     rest = b""
     while True:
         come = b""

@@ -54,7 +54,8 @@ class EnergyWatch:
         around = rows[:, [_AT[name] for name in _STILL]]
         changed = np.ones(len(rows), bool)
         changed[1:] = (around[1:] != around[:-1]).any(axis=1) | ~idle[1:] | ~idle[:-1]
-        changed[0] = math.isnan(self._least) or not idle[0] or not self._is_last(around[0])
+        is_last = self._over is not None and self._over[0] == tuple(around[0].tolist())
+        changed[0] = math.isnan(self._least) or not idle[0] or not is_last
         starts = np.flatnonzero(changed)
         if not changed[0]:
             starts = np.concatenate([[0], starts])
@@ -66,9 +67,6 @@ class EnergyWatch:
                 if found is not None:
                     return int(begin) + found
         return None
-
-    def _is_last(self, around: Floats) -> bool:
-        return self._over is not None and self._over[0] == tuple(around.tolist())
 
     def _in_stretch(self, rows: Floats, around: Floats) -> int | None:
         key = tuple(around.tolist())

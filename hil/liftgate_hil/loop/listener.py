@@ -31,10 +31,7 @@ class Listener:
         """Called with events of the link, what is waited for or refused, and what the machine does not grant."""
 
     def alarm(self, text: str) -> None:
-        """Called with what nobody may miss.
-
-        The link is lost, or back; a recording has ended before its run; a file was set aside for one.
-        """
+        """Called with what nobody may miss: the link lost or back, a recording ended early, a file set aside."""
         self.say(text)
 
     def starts(self, what: str) -> None:
@@ -50,10 +47,7 @@ class Listener:
         """Called with the run's status, a few times a second."""
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Called many times a second during a compilation, which has taken `seconds` so far.
-
-        It took `expected` [s] the last time, where that is known.
-        """
+        """Called often while a compilation runs, for `seconds` now; the last took `expected` [s], if known."""
 
     def compiled(self, name: str, seconds: float) -> None:
         """Called when the compilation of `name` has ended, after `seconds`."""

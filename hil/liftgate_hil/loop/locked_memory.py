@@ -69,10 +69,7 @@ def has_capability(root: Path, bit: int) -> bool:
 
 
 def _left_in_groups(root: Path) -> Iterator[int]:
-    """Yield what each control group of this process that limits memory has left [bytes] (cgroups(7)).
-
-    Pages of files that were not used lately are given up before a limit is reached, and count as left.
-    """
+    """Yield what each limiting control group of this process has left [bytes], unused pages of files included."""
     groups = re.findall(r"^(\d+):(.*?):(.*)$", _read(root / "proc/self/cgroup"), re.MULTILINE)
     for number, controllers, path in groups:
         if number == "0":  # version 2

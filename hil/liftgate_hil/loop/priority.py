@@ -45,7 +45,9 @@ class Realtime:
         self._has_frozen = gc.get_freeze_count() == 0  # else the program has frozen its own, which stay so
         if self._has_frozen:
             gc.freeze()
-        self._lock_memory()
+        refused = lock_memory()
+        self._is_locked = not refused
+        self._refuse(refused)
         if self.has_asked:
             self._wake_fast()
 
@@ -110,11 +112,6 @@ class Realtime:
             os.close(self._latency)
             self._latency = None
 
-    def _lock_memory(self) -> None:
-        refused = lock_memory()
-        self._is_locked = not refused
-        self._refuse(refused)
-
     def _wake_fast(self) -> None:
         path = Path("/dev/cpu_dma_latency")
         try:
@@ -131,10 +128,7 @@ def in_one_line(refused: Sequence[str]) -> str:
 
 
 def ask_for_fifo(priority: int, thread: int = 0) -> str:
-    """Request FIFO scheduling for a thread (native id; 0: the calling one), not for its children.
-
-    Returns why it was refused, or an empty string.
-    """
+    """Request FIFO scheduling for a thread (id; 0: this one), not for its children; return why not, else ""."""
     try:
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(thread, policy, os.sched_param(priority))
@@ -248,10 +242,7 @@ def allowed_cpus() -> str:
 
 
 def best_cpu() -> int:
-    """Return an isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first.
-
-    It is one without another bench's loop, if there is such a one.
-    """
+    """Return the last CPU (interrupts favour the first): an isolated one without other loops, if there is one."""
     free = _free_cpus()
     path = Path("/sys/devices/system/cpu/isolated")
     text = path.read_text().strip() if path.is_file() else ""

@@ -129,10 +129,7 @@ class ProgressMonitor:
                 return
 
     def _look_for_gaps(self, time_s: float) -> None:
-        """Report once that many frames of the command message are missing by their counter.
-
-        Frames that came and were refused may be among those; they are reported by themselves.
-        """
+        """Report once that many frames of the command are missing by their counter; some may be refused ones."""
         missing, cycles = missing_of(self._reception, self._row)
         if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
             self._has_reported_gaps = True
@@ -182,8 +179,7 @@ class ProgressMonitor:
     def _foreign(self) -> str:
         """Return a text on the first foreign frame; "": there is none but those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
-        has_news = bool(first) and not self._has_reported_another
-        if not has_news:
+        if not first or self._has_reported_another:
             return ""
         remedy = "" if ANOTHER in first else "; check that `rig` is that of the ECU"
         return f"{first} is on the bus, but not received by this rig{remedy}{self._apart}"

@@ -51,21 +51,14 @@ def memory_for(rate: float) -> Memory:
 
 
 def feedback_identifiers(rig: Rig) -> list[int]:
-    """Return the identifiers of the messages that show the effect of a command.
-
-    These are the messages with a motor current, or all where there is none.
-    """
+    """Return the identifiers of the messages with a motor current, else of all: they show a command's effect."""
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
 
 
 class _Turns:
-    """Gives a peer its turns, and reports to the loop how late this thread was with them.
-
-    That is the bench's delay, like that of a frame which waits. The time that a foreign ECU's own code takes is
-    not.
-    """
+    """Gives a peer its turns, and tells the loop this thread's delay, without the time of a foreign ECU's code."""
 
     def __init__(self, peer: PeerNode, control: Any) -> None:
         self._peer, self._control = peer, control
@@ -109,9 +102,8 @@ class RealtimeRun:
     # False: another run goes on where this one ends; that one reports what `realtime` was refused.
     is_last: bool = True
     is_first: bool = True  # False: another run has used the line before
-    spoilt: Callable[[], str] = lambda: (
-        ""
-    )  # why the run is of no use any more, by what `sinks` have seen; "": it is
+    # Why the run is of no use any more, by what `sinks` have seen; "": it is.
+    spoilt: Callable[[], str] = lambda: ""
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
     _spoilt: str = ""  # why the run was ended

@@ -109,22 +109,22 @@ class RefusalTexts:
             return f"{head}: a remote frame; allowed: a data frame"
         if cause == WRONG_LENGTH:
             return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
+        counter = (options and options.counter) or "counter"
+        unknown = f"{head}: {counter} is {refusal.found:.0f}; expected one of its values"
         if cause == BAD_CHECKSUM:
             signal = (options and options.checksum) or "checksum"
             found, expected = (
                 int(each) & 0xFFFFFFFFFFFFFFFF for each in (refusal.checksum, refusal.right_checksum)
             )
             if found == expected and math.isnan(refusal.expected):
-                counter = (options and options.counter) or "counter"
-                return f"{head}: {counter} is {refusal.found:.0f}; expected one of its values"
+                return unknown
             if found == expected:
                 return f"{head}: data ID does not belong to this message ({signal} is correct)"
             return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
+        if cause == BAD_COUNTER and math.isnan(refusal.expected):
+            return unknown
         if cause == BAD_COUNTER:
-            signal = (options and options.counter) or "counter"
-            if math.isnan(refusal.expected):
-                return f"{head}: {signal} is {refusal.found:.0f}; expected one of its values"
-            return f"{head}: {signal} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
+            return f"{head}: {counter} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
         return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
 
     def _out_of_range(self, row: int, found: float) -> str:

@@ -72,7 +72,6 @@ _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures
 DROPPED = "lost: bench too slow"
 STALE = "ignored: waited longer than the message's time-out"
 DROPPED_OR_STALE = "lost or ignored: bench too slow"
-_NO_FAULTS = ("before_start",)
 
 
 # Frames that came to the gate, by what became of them.
@@ -169,14 +168,9 @@ class Summary(DescribedResult):
     # fmt: on
     def refusals_text(self) -> str:
         """Return why frames for the gate were refused; "": none was."""
-        causes = {
-            "wrong length": self.received.wrong_length,
-            "out of range": self.received.out_of_range,
-            "checksum": self.received.checksum,
-            "counter": self.received.counter,
-            "remote": self.received.remote,
-        }
-        return ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
+        causes = ("wrong_length", "out_of_range", "checksum", "counter", "remote")
+        counts = {cause.replace("_", " "): getattr(self.received, cause) for cause in causes}
+        return ", ".join(f"{number} {cause}" for cause, number in counts.items() if number)
 
     def silence_reported(self) -> str:
         """Return why the gate received no command; "": it received one."""
@@ -200,7 +194,7 @@ class Summary(DescribedResult):
 
     def _link_lines(self) -> list[str]:
         """Return a line on the faults of the link; none if there were none."""
-        link = self.link._replace(**dict.fromkeys(_NO_FAULTS, 0))
+        link = self.link._replace(before_start=0)  # which is no fault
         if not any(link):
             return []
         words = link.in_words()
@@ -261,8 +255,7 @@ class Summary(DescribedResult):
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
-        if self.recording_windows is not None:
-            many = self.recording_windows
+        if (many := self.recording_windows) is not None:
             times = {0: "never came", 1: "came once"}.get(many, f"came {many} times")
             lines.append(f"recorded only around the trigger, which {times}")
         if self.recordings:

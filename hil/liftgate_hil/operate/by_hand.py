@@ -16,10 +16,7 @@ STIFFNESS = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
 
 
 def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
-    """Return surroundings by their names, as the loop holds them.
-
-    Switches take True and False; None clears (NaN). Raises ConfigError.
-    """
+    """Return surroundings as the loop holds them; switches take bool, None clears (NaN). Raises ConfigError."""
     held = {}
     for name, value in given.items():
         if name not in PROFILES:

@@ -49,10 +49,7 @@ class CyclicCommand:
         self._values = None
 
     def change(self, quantities: Mapping[str, float | str | bool]) -> None:
-        """Send these quantities from the next cycle on, see `Gate.command`.
-
-        Raises ConfigError, and changes nothing then.
-        """
+        """Send these from the next cycle on, see `Gate.command`. Raises ConfigError, and changes nothing then."""
         values = np.full(INPUT_COUNT, np.nan)
         both = quantities.get("direction")
         for name in quantities:
@@ -64,9 +61,12 @@ class CyclicCommand:
             duty = number_of(f"{side}_duty", given, -100.0, 100.0, "%")
             if self._is_signed[side]:
                 duty = _signed(duty, direction)
-            number = _direction(f"{side}_direction", "coast" if direction is None else direction)
+            direction = "coast" if direction is None else direction
+            if not isinstance(direction, str) or direction not in DIRECTIONS:
+                allowed = ", ".join(DIRECTIONS)
+                raise ConfigError(f"`{side}_direction` {show(direction)}: allowed: {allowed}")
             values[getattr(IN, f"{side}_duty")] = duty
-            values[getattr(IN, f"{side}_direction")] = number
+            values[getattr(IN, f"{side}_direction")] = DIRECTIONS.index(direction)
         for name in _LATCH:
             on = quantities.get(name, False)
             if not isinstance(on, Real | np.bool_) or on not in (0, 1):
@@ -82,9 +82,8 @@ class CyclicCommand:
             number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
             if not np.isnan(number) and labels and labels[int(number)] in missing:
                 allowed = ", ".join(each for each in labels if each not in missing)
-                raise ConfigError(
-                    f"`{name}` {labels[int(number)]}: the rig has no value for it; allowed: {allowed}"
-                )
+                given = labels[int(number)]
+                raise ConfigError(f"`{name}` {given}: the rig has no value for it; allowed: {allowed}")
 
     def frames_at(self, tick: int) -> list[tuple[int, int, bytes]]:
         """Return the frames that are due before a tick: identifier, length and data of each."""
@@ -108,15 +107,7 @@ class CyclicCommand:
 def _signed(duty: float, direction: Any) -> float:
     """Return a duty [%] with the sign of the direction, where one is named. Raises ConfigError."""
     if isinstance(direction, str) and direction == "coast":
-        raise ConfigError(
-            "`direction` coast: it has no signal in this rig; allowed: open, close, brake, or silence"
-        )
+        allowed = "allowed: open, close, brake, or silence"
+        raise ConfigError(f"`direction` coast: it has no signal in this rig; {allowed}")
     turned = {"open": abs(duty), "close": -abs(duty), "brake": 0.0}
     return turned.get(direction, duty) if isinstance(direction, str) else duty
-
-
-def _direction(key: str, value: Any) -> int:
-    """Return the number of a direction. Raises ConfigError."""
-    if isinstance(value, str) and value in DIRECTIONS:
-        return DIRECTIONS.index(value)
-    raise ConfigError(f"`{key}` {show(value)}: allowed: {', '.join(DIRECTIONS)}")

@@ -14,8 +14,8 @@ from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.formats.open import check_file
 from liftgate_hil.formats.suffixes import RECORDED, WITH_MARKS
 from liftgate_hil.isolate.recorder_process import RecorderProcess
-from liftgate_hil.isolate.ring_recorder import RingPlace, place_in
-from liftgate_hil.plan.provenance import whole_content_of
+from liftgate_hil.isolate.recorders import RingPlace, place_in
+from liftgate_hil.plan.provenance import content_of
 from liftgate_hil.signals import COLUMN_PLACE
 
 if TYPE_CHECKING:
@@ -86,7 +86,10 @@ class FurtherRecording:
                 f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
             )
         begin, path = place_in(self._memory), self._path_of(name)
-        begin_s = self._next_s(begin)
+        rows, begin_s = self._memory.shared.rows, 0.0  # s, time of the first row from there on
+        if begin.rows:
+            before = float(rows[(begin.rows - 1) % len(rows), COLUMN_PLACE["time_s"]])
+            begin_s = before + 1.0 / self._plan.request.rate
         self._path, self._phase, self._stop, self._early = path, STARTING, threading.Event(), []
         self._end = None
         self._thread = threading.Thread(
@@ -95,10 +98,7 @@ class FurtherRecording:
         self._thread.start()
 
     def stop(self) -> str:
-        """Stop to record, and complete the file beside the run; return its name.
-
-        Raises ConfigError where none is open.
-        """
+        """Stop to record, complete the file beside the run, and return its name. Raises ConfigError for none."""
         if not self.is_on or self._stop.is_set():
             raise ConfigError("record null: no recording is open that was started by a command")
         with self._lock:
@@ -120,10 +120,7 @@ class FurtherRecording:
             raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
 
     def note(self, time_s: float, text: str) -> bool:
-        """Write a text as a mark to the recordings that can hold it; False: one of them has not taken it.
-
-        Of a longer text than a mark may have the end is left out.
-        """
+        """Mark the recordings that can hold it with a text, cut if too long; False: one has not taken it."""
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
         taken = []
         with self._lock:
@@ -145,14 +142,6 @@ class FurtherRecording:
                 self._spare.close()
                 self._spare = None
 
-    def _next_s(self, place: RingPlace) -> float:
-        """Return the time [s] of the first row after a place in the rings."""
-        if not place.rows:
-            return 0.0
-        rows = self._memory.shared.rows
-        before = float(rows[(place.rows - 1) % len(rows), COLUMN_PLACE["time_s"]])
-        return before + 1.0 / self._plan.request.rate
-
     def _path_of(self, name: object) -> Path:
         allowed = f"allowed: a file name, without a folder, with one of {', '.join(RECORDED)}"
         plain = isinstance(name, str) and 0 < len(name.encode()) <= _LONGEST and name.isprintable()
@@ -164,15 +153,11 @@ class FurtherRecording:
         try:
             return check_file("record", str(path))
         except ConfigError as error:
-            raise ConfigError(
-                [each.replace(f"`record` {path}", f"record {name}") for each in error.issues]
-            ) from error
+            issues = [each.replace(f"`record` {path}", f"record {name}") for each in error.issues]
+            raise ConfigError(issues) from error
 
     def _record(self, stop: threading.Event, begin: RingPlace, begin_s: float) -> None:
-        """Record from a place in the rings, at a time [s], until `stop` is set.
-
-        What goes wrong is reported, and ends this recording only.
-        """
+        """Record from a place in the rings, at a time [s], until `stop`; a failure ends this recording only."""
         path, process = self._path, None
         said: list[str] = []
 
@@ -182,7 +167,7 @@ class FurtherRecording:
             stop.set()
 
         try:
-            content = whole_content_of(self._plan, self._channel, self._interface)
+            content = content_of(self._plan, self._channel, self._interface, is_recorded=True)
             process = self._prepared()
             with self._lock:
                 process.order([path], content, say=failed, begin=begin, end=self._end, ended=stop.set)
@@ -206,17 +191,11 @@ class FurtherRecording:
             process.close()
             self.files += process.files
             if process.files:
-                self._listener.say(f"recorded: {', '.join(process.files)}{_holds(process)}")
+                lost = f"; {process.lost_rows} rows and frames lost" if process.lost_rows else ""
+                span = process.span
+                held = "without rows" if span is None else f"{span[0]:.3f} to {span[1]:.3f} s"
+                self._listener.say(f"recorded: {', '.join(process.files)}, {held}{lost}")
         except RecordingError as error:
             if str(error) not in said:
                 failed(str(error))
         self.prepare()
-
-
-def _holds(process: RecorderProcess) -> str:
-    """Return what a completed recording holds, in words."""
-    lost = f"; {process.lost_rows} rows and frames lost" if process.lost_rows else ""
-    if process.span is None:
-        return f", without rows{lost}"
-    begin, end = process.span
-    return f", {begin:.3f} to {end:.3f} s{lost}"

@@ -1,25 +1,28 @@
-"""Orders of a test bench: read beside the loop, from the frames in its ring, and passed to their target.
+"""Orders of a test bench: read beside the loop, decoded from the frames in its ring, and passed to their target.
 
 They are validated as a scenario's lines are; an invalid one is reported and counted, and changes nothing.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from liftgate_hil.codec.frames import FD_FLAGS
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE
 from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
+from liftgate_hil.config.kinds import Level, Number
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.scenario_tables import Fault
+from liftgate_hil.config.scenario_tables import Fault, fault_of
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.operate.buttons import ButtonPresser
-from liftgate_hil.operate.decoding import Decoded, Which, decoded, fault_ordered, value_key, which_ordered
 from liftgate_hil.operate.loop_target import Target
+from liftgate_hil.signals import DIRECTIONS
 from liftgate_hil.stimuli.moments import Instant
 
 _MOST_LISTED = 1000  # orders of a run that are reported; more are executed, or refused and counted
@@ -29,9 +32,7 @@ class Orders:
     """Reads the orders of a rig's test bench, and has a target execute them."""
 
     def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
-        self._rig = rig
-        self._target = target
-        self._say = say
+        self._rig, self._target, self._say = rig, target, say
         self._known: dict[int, list[OrderMessage]] = {}
         for each in rig.orders:
             self._known.setdefault(each.identifier, []).append(each)
@@ -81,12 +82,11 @@ class Orders:
             except ConfigError as error:
                 self._refuse(name, time, error)
                 continue
-            if not done:
-                continue
-            self.count += 1
-            if self.count <= _MOST_LISTED:
-                self.done.append(f"{time:.3f} s: {done}")
-            self._tell(self.count, f"{time:.3f} s: {name}: {done}")
+            if done:
+                self.count += 1
+                if self.count <= _MOST_LISTED:
+                    self.done.append(f"{time:.3f} s: {done}")
+                self._tell(self.count, f"{time:.3f} s: {name}: {done}")
 
     def _refuse(self, name: str, time: float, error: ConfigError) -> None:
         self.refused += 1
@@ -105,7 +105,11 @@ class Orders:
         """Execute an order, and return it in words; "": it is in force already. Raises ConfigError."""
         what = order.what
         if what == REQUEST:
-            return self._request(content["action"].label, now)
+            action = content["action"].label
+            if action == NOTHING:
+                return ""
+            self._buttons.request(action, now)
+            return f"request {action}"
         if what in (FAULT, BABBLING):
             return self._fault(what, content, now)
         name, value = content["name"].label, content["value"].number
@@ -119,16 +123,14 @@ class Orders:
         self._buttons.forget(name)
         return f"{name} = {_short(value)}"
 
-    def _request(self, action: str, now: float) -> str:
-        if action == NOTHING:
-            return ""
-        self._buttons.request(action, now)
-        return f"request {action}"
-
     def _fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
         is_on = content["on"].number != 0.0
         if what == FAULT and content["kind"].label == NOTHING:
-            return "" if is_on else self._end_all()
+            if is_on:
+                return ""
+            self._target.inject(())
+            self._faults.clear()
+            return "all faults end"
         which = which_ordered(self._rig, what, content)
         label = " ".join([each for each in which[:2] if each != NOTHING])
         others = {key: each for key, each in self._faults.items() if key != which}
@@ -152,11 +154,101 @@ class Orders:
             with_value = [f"{taken} {_short(content['value'].number)}"]
         return ", ".join([f"{label} begins", *with_value, *([which[2]] if which[2] else [])])
 
-    def _end_all(self) -> str:
-        self._target.inject(())
-        self._faults.clear()
-        return "all faults end"
-
 
 def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+_WAYS = ("sent", "received")
+
+
+class Decoded(NamedTuple):
+    """Decoded value of a signal."""
+
+    number: float
+    label: str  # of the database, else the number as a text
+
+
+_NOT_GIVEN = Decoded(math.nan, NOTHING)
+
+# Which fault: its kind, place and direction. An order for the same one again gives it another value.
+Which = tuple[str, str, str]
+
+
+def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
+    """Return a message's signals, decoded from a payload, by name. Raises ConfigError where it does not fit."""
+    import cantools
+
+    message = rig.messages[name]
+    if len(payload) != message.length:
+        raise ConfigError(f"{len(payload)} bytes; allowed: {message.length}")
+    try:
+        numbers = cast("dict[str, float]", message.decode(payload, decode_choices=False))
+        return {key: _value_of(message, key, float(value)) for key, value in numbers.items()}
+    except (cantools.database.DecodeError, ValueError, OverflowError) as error:
+        raise ConfigError(f"{error}; allowed: what the database defines for {name}") from error
+
+
+def _value_of(message: Any, key: str, value: float) -> Decoded:
+    """Return the decoded value of a signal. Raises ValueError where it is not finite."""
+    signal = message.get_signal_by_name(key)
+    if not math.isfinite(value):
+        raise ValueError(f"{key} is {value}")
+    if signal.is_float and signal.length == 32 and float(signal.scale) == 1.0:
+        # The shortest decimal that is this float: what its sender has typed.
+        value = float(str(np.float32(value - float(signal.offset)))) + float(signal.offset)
+    labels = {number: str(label) for number, label in (signal.choices or {}).items()}
+    raw = round(signal.conversion.numeric_scaled_to_raw(value)) if labels else 0
+    return Decoded(value, labels.get(raw, f"{value:g}"))
+
+
+def which_ordered(rig: Rig, what: str, content: Mapping[str, Decoded]) -> Which:
+    """Return which fault a test bench's frame refers to: its kind, place and direction. Raises ConfigError.
+
+    `what` is FAULT or BABBLING, `content` the decoded signals by their keys in inject.ORDERS.
+    """
+    content = {"place": _NOT_GIVEN, "direction": _NOT_GIVEN, **content}
+    direction = content["direction"].label
+    if what == BABBLING:
+        return BABBLING, f"{round(content['identifier'].number):X}", direction
+    name, place = content["kind"].label, content["place"].label
+    if name not in FAULT_KINDS:
+        raise ConfigError(f"kind {name}; allowed: a label that is a kind of fault")
+    kind = FAULT_KINDS[name]
+    if kind.of == DRIVE and place == NOTHING:
+        place = "both"
+    if kind.of != MESSAGE:
+        return name, place, ""
+    return name, place, direction if direction in _WAYS else _way_of(rig, place)
+
+
+def fault_ordered(which: Which, what: str, content: Mapping[str, Decoded]) -> Fault:
+    """Return the fault that a test bench's frame begins, see `which_ordered`. Raises ConfigError."""
+    name, place, direction = which
+    if what == BABBLING:
+        babbling = {"id": round(content["identifier"].number), "rate": content["rate"].number}
+        return fault_of(BABBLING, None, {**babbling, "direction": direction})
+    number = content.get("value", _NOT_GIVEN).number
+    values: dict[str, Any] = {"direction": direction} if direction else {}
+    own = value_key(name)
+    if own is not None:
+        values[own] = number
+    if name == "bridge_stuck":
+        is_one = number in range(len(DIRECTIONS))
+        values["state"] = DIRECTIONS[int(number)] if is_one else number
+    if name == "parameter":
+        values["key"], place = place, NOTHING
+    return fault_of(name, None if place == NOTHING else place, values)
+
+
+def value_key(kind: str) -> str | None:
+    """Return the name of a fault kind's key that the signal `value` of a frame sets; None: it has none."""
+    own = FAULT_KINDS[kind].keys
+    return next((key.name for key in own if isinstance(key.kind, Number | Level)), None)
+
+
+def _way_of(rig: Rig, place: str) -> str:
+    """Return "sent" or "received", a message's direction as the gate sees it. Raises ConfigError for none."""
+    if place == NOTHING:
+        raise ConfigError("direction none; allowed: sent or received, where no message is named")
+    return "received" if place in {each.message for each in rig.inputs} else "sent"

@@ -22,10 +22,7 @@ _EDGES = 64  # of the ring of Hall edges
 
 
 def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
-    """Return the loop's constants at a rate [Hz].
-
-    Raises ConfigError where the rig does not fit vehicle or rate.
-    """
+    """Return the constants of a loop at a rate [Hz]. Raises ConfigError where the rig does not fit."""
     check_fit(rig, vehicle, rate)
     mapped = {mapping.quantity for mapping in rig.inputs}
     outputs = rig.output_config()
@@ -60,10 +57,7 @@ def loop_start_of(
 
 
 def start_of(config: LoopConfig, angle: float = 0.0, edges: int = _EDGES) -> LoopState:
-    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched.
-
-    There is a ring for the last `edges` Hall edges.
-    """
+    """Return a loop's state with room for `edges` Hall edges; its gate rests at `angle` [rad], latched at 0."""
     is_closed = angle == 0.0
     state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
     return initial_loop(config, state, edges)

@@ -22,10 +22,9 @@ from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.tick import LoopConfig
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.loop_start import loop_config_of
 from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
-from liftgate_hil.plan.request import RunRequest, ticks_of
+from liftgate_hil.plan.request import Job, RunRequest, ticks_of
 from liftgate_hil.plan.setup import Setup, rig_of, setup_for
 from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
 from liftgate_hil.stimuli.command_queue import CLOSED, Opening
@@ -81,49 +80,33 @@ class Plan(Subject):
         return ticks_of(self.duration, self.request.rate)
 
     def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
-        """Return the plan of another job or setup of the same files, none of which is read again.
-
-        Raises ConfigError.
-        """
+        """Return the plan of another job or setup of the same files, not read again. Raises ConfigError."""
         job = self.job if job is None else job
-        if setup is None and _is_prepared_alike(job, self.job):
+        own, others = (each.request.replaced(record=()) for each in (self.job, job))
+        if setup is None and own == others and job.attachable_as == self.job.attachable_as:
             return replace(self, job=job)
         return planned(job, setup or self.setup, self.rig, self.way, self.sources, self)
 
-    def _has_constants_of(self, setup: Setup, rate: float) -> bool:
-        """Whether the loop's constants are those of another setup."""
-        own = self.setup
-        return (own.vehicle, own.seed, self.request.rate) == (setup.vehicle, setup.seed, rate)
-
-
-def _is_prepared_alike(job: Job, other: Job) -> bool:
-    """Whether two jobs of the same files differ in nothing that their plans are made from."""
-    own, others = (each.request.replaced(record=()) for each in (job, other))
-    return job.attachable_as == other.attachable_as and own == others
-
 
 def plan_of(job: Job) -> Plan:
-    """Return the plan of a job; the scenario supplies what the job leaves open.
-
-    Raises ConfigError with all issues.
-    """
+    """Return the plan of a job, which the scenario completes. Raises ConfigError with all issues."""
     check_ecu(job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
     setup = setup_for(job.request)
     job.request.check()
     rig = rig_of(job.request.rig, setup.scenario)
     way = None if job.wire is None else find_way(job.wire, rig)
-    return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
+    files = {"rig": Path(rig.source), "dbc": rig.database, **setup.files}  # none of what a program made
+    if (ecu := _identity_of(job, setup).get("path")) is not None:
+        files["ecu"] = Path(ecu)
+    return planned(job, setup, rig, way, sources_of(files))
 
 
 def planned(
     job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source], other: Plan | None = None
 ) -> Plan:
-    """Return the plan of a job whose objects are loaded; `other` is a plan with the same rig.
-
-    Raises ConfigError with all issues.
-    """
+    """Return the plan of a job of loaded objects; `other` has the same rig. Raises ConfigError with all issues."""
     request = job.request
-    if way is None and job.request.ecu == ON_A_BUS:
+    if way is None and request.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if request.clock == "realtime" and not POSSIBLE:
         text = "64-bit little-endian Linux; free and lockstep run everywhere"
@@ -141,24 +124,19 @@ def planned(
             issues.extend(line for line in error.issues if line not in issues)
             return None
 
-    is_on_bus, opening = job.request.ecu == ON_A_BUS, _opening_of(job, rig)
+    is_on_bus = request.ecu == ON_A_BUS
+    opening = CLOSED if job.is_episode else opening_of(rig, job.attachable_as is not None)
     stimuli = fitted(lambda: planned_stimuli(setup, rig, is_on_bus, opening=opening))
     expected = fitted(lambda: expected_in(setup, rig))
     trigger = fitted(lambda: trigger_in(setup, rig, request))
     if issues:
         raise ConfigError(issues)
-    if other is not None and other._has_constants_of(setup, request.rate):
+    made_from = setup.vehicle, setup.seed, request.rate
+    if other is not None and (other.setup.vehicle, other.setup.seed, other.request.rate) == made_from:
         config = other.config
     else:
         config = loop_config_of(setup.vehicle, rig, request.rate, setup.seed)
     return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
-
-
-def _opening_of(job: Job, rig: Rig) -> Opening:
-    """Return what may be injected into a running job; CLOSED for one that runs in machine code (`is_episode`)."""
-    if job.is_episode:
-        return CLOSED
-    return opening_of(rig, job.attachable_as is not None)
 
 
 def _periods(scenario: Scenario, rate: float) -> list[str]:
@@ -177,19 +155,11 @@ def _identity_of(job: Job, setup: Setup) -> Mapping[str, Any]:
     return identity_of(ecu, setup.vehicle.coding, job.mutant)
 
 
-def _files_of(job: Job, setup: Setup, rig: Rig) -> dict[str, Path]:
-    """Return the files that a job was made from, by purpose; there is none for an object that a program made."""
-    ecu = _identity_of(job, setup).get("path")
-    files = {"rig": Path(rig.source), "dbc": rig.database, **setup.files}
-    return files if ecu is None else {**files, "ecu": Path(ecu)}
-
-
 def expected_in(setup: Setup, rig: Rig) -> Expected:
-    """Return the expectations of a scenario for its vehicle and a rig.
-
-    Raises ConfigError with all that does not fit.
-    """
+    """Return a scenario's expectations for vehicle and rig. Raises ConfigError with all that does not fit."""
     scenario = setup.scenario
+    ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
+    last = next(reversed(scenario.precondition), "")
     return expected_of(
         scenario.expectations,
         scenario.parameters,
@@ -200,23 +170,12 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         rig.diagnostics,
         _timed_faults(scenario.faults, rig),
         begins(scenario),
-        _precondition_end(setup),
+        PreconditionEnd(last, ends[last]) if last in ends else None,
     )
 
 
-def _precondition_end(setup: Setup) -> PreconditionEnd | None:
-    """Return where a precondition ends; None: its last request is no motion to an end of the travel."""
-    ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
-    action = next(reversed(setup.scenario.precondition), "")
-    return PreconditionEnd(action, ends[action]) if action in ends else None
-
-
 def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
-    """Return when faults are in force, and the time-out of the rig that each shall outlast.
-
-    It is the time-out of the message that the fault acts on, else that of the drive command, by which an ECU
-    answers.
-    """
+    """Return when faults are in force, and the time-out that each shall outlast: its message's or a command's."""
     if not rig.inputs:
         return []
     found = []
@@ -233,10 +192,7 @@ def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
 
 
 def trigger_in(setup: Setup, rig: Rig, request: RunRequest) -> Trigger | None:
-    """Return the trigger of the run's recording; None: all of it is recorded.
-
-    Raises ConfigError with all that does not fit.
-    """
+    """Return the trigger of a run's recording; None: all is recorded. Raises ConfigError with all misfits."""
     if not request.record_when:
         return None
     return trigger_of(

@@ -29,23 +29,14 @@ if TYPE_CHECKING:
 _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only its SHA-256 is
 
 
-def content_of(plan: Plan, channel: str, bus: str = "") -> Content:
+def content_of(plan: Plan, channel: str, bus: str = "", is_recorded: bool = False) -> Content:
     """Return the content of a run's recordings; `channel` names the bus in them, `bus` is its interface.
 
-    It has no provenance where nothing is recorded.
+    It has a provenance only where the run, by its request, or something beside it `is_recorded`.
     """
-    if not plan.request.recordings:
-        return _bare_content_of(plan, channel)
-    return whole_content_of(plan, channel, bus)
-
-
-def whole_content_of(plan: Plan, channel: str, bus: str) -> Content:
-    """Return the content of a recording, as `content_of`, with the provenance of the run in any case."""
-    return replace(_bare_content_of(plan, channel), about=origin_of(plan, bus))
-
-
-def _bare_content_of(plan: Plan, channel: str) -> Content:
     content = Content(columns_of(plan.setup.vehicle.drives), channel, inputs=plan.inputs)
+    if plan.request.recordings or is_recorded:
+        content = replace(content, about=origin_of(plan, bus))
     # On the clocks free and lockstep it has the same columns on a bus, where faults may be injected, as without.
     is_open = plan.opening.slots > 0 and plan.request.clock == "realtime"
     return content.with_faults(fault_columns_of(plan.setup.scenario.faults, is_open))

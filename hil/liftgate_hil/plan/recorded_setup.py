@@ -108,10 +108,7 @@ def _shipped(name: str) -> list[Path]:
 
 
 def _built(kind: Any, value: Any) -> Any:
-    """Return a value of JSON as a NamedTuple of this kind, with those in it; others as they were written.
-
-    Raises TypeError, KeyError, AttributeError where it has other fields.
-    """
+    """Return JSON's value as a NamedTuple of this kind, nested ones alike. Raises TypeError for other fields."""
     if hasattr(kind, "_fields"):
         if {*value} != {*kind._fields}:
             raise TypeError

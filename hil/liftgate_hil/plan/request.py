@@ -1,13 +1,15 @@
 """Requests of a run, and of an ECU alone: allowed values, meaning and default of each argument stand here once.
 
-Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it.
+Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it. A
+job is such a request with what surrounds it in this process.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,9 +17,10 @@ from liftgate_hil.config.choices import SCENARIO, AnyScenario, OwnRig, SetupChoi
 from liftgate_hil.config.described import Field, Record, value_of
 from liftgate_hil.config.kinds import Choice, Flag, Number, Raw, Size, Text, Texts, Whole, listed
 from liftgate_hil.config.toml import show
-from liftgate_hil.ecu.names import REFERENCE
+from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY, Limit
+from liftgate_hil.loop.listener import Listener
 
 NS = 1_000_000_000
 RATE = Number(200.0, 10_000.0, "Hz")
@@ -170,3 +173,32 @@ def check_cpu(cpu: int | None) -> None:
     from liftgate_hil.loop.priority import allowed_cpus
 
     raise ConfigError(f"`cpu` {cpu}: allowed here: {allowed_cpus()}")
+
+
+PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process alone
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run as it is requested, in plain values where possible, so that another process can be given it."""
+
+    request: RunRequest
+    wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
+    trace: int = 0  # keep every n-th row; 0: none
+    ecu_elsewhere: Any = None  # the ECU on the bus, if this program runs it in another process
+    mutant: str = ""  # name of a mutant of the reference ECU, see ecu/mutants.py
+    is_isolated: bool = False  # run in a process of its own, as C libraries always are
+    listener: Listener = field(default_factory=Listener)
+    attachable_as: int | None = None  # process that clients may attach to; None: they may not
+    exit_codes: Mapping[str, int] = field(default_factory=dict)  # of the command, by verdict; told to clients
+    gives_up_late: bool = False  # end a run at the first lateness after which its verdicts are not all known
+    is_summarized: bool = False  # keep trace summaries for pictures of the expectations
+
+    @property
+    def is_episode(self) -> bool:
+        """Whether it runs in machine code, with the ECU in this process and waiting for nobody."""
+        return self.request.clock == "free" and self.request.ecu != ON_A_BUS
+
+    def asking(self, **values: Any) -> Job:
+        """Return the job with other values in its request."""
+        return replace(self, request=self.request.replaced(**values))

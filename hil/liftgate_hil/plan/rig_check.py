@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from liftgate_hil.config.rig import Rig, read_rig
+from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
 from liftgate_hil.config.rig_table import MappedMessage, asked_by, injected_by, mapped_messages, protected_besides
 from liftgate_hil.described_result import DescribedResult, Shown
@@ -16,7 +16,6 @@ from liftgate_hil.ecu.reference import lacking_feedback
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.request import RigCheckRequest
 from liftgate_hil.plan.setup import vehicle_from
-from liftgate_plant.vehicle import Vehicle
 
 
 # fmt: off
@@ -59,7 +58,12 @@ def checked_rig(path: Path, request: RigCheckRequest) -> RigReport:
     # What follows from a mapping that could not be read is no news beside the reason.
     notes = list(rig.notes)
     if not issues.lines:
-        notes += [*notes_on_fit(rig, vehicle, request.rate), *_not_for_ours(rig, vehicle), *_without_buttons(rig)]
+        notes += notes_on_fit(rig, vehicle, request.rate)
+        if lacking := ", ".join(lacking_feedback(rig, vehicle.drives)):  # which another ECU may not need
+            notes.append(f"{rig.source}: the reference ECU cannot use this rig, as it lacks {lacking}; yours may")
+        if not rig.driver.buttons:
+            text = "a scenario's requests and the page's driver buttons cannot reach an ECU on the bus"
+            notes.append(f"{rig.source}: {text}: [requests] maps them, see docs/rig.md")
     try:
         check_fit(rig, vehicle, request.rate)
     except ConfigError as error:
@@ -77,18 +81,3 @@ def checked_rig(path: Path, request: RigCheckRequest) -> RigReport:
         notes,
         issues.lines,
     )
-
-
-def _not_for_ours(rig: Rig, vehicle: Vehicle) -> list[str]:
-    """Return a note where the reference ECU cannot use a rig, whose feedback may be enough for another one."""
-    lacking = lacking_feedback(rig, vehicle.drives)
-    text = f"{rig.source}: the reference ECU cannot use this rig, as it lacks {', '.join(lacking)}; yours may"
-    return [text] if lacking else []
-
-
-def _without_buttons(rig: Rig) -> list[str]:
-    """Return a note where a rig maps no button of the driver."""
-    if rig.driver.buttons:
-        return []
-    text = "a scenario's requests and the page's driver buttons cannot reach an ECU on the bus"
-    return [f"{rig.source}: {text}: [requests] maps them, see docs/rig.md"]

@@ -37,9 +37,7 @@ def vehicle_from(
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:
     """Return which variant of a vehicle file is meant. Raises ConfigError."""
-    if draw is not None:
-        draw = seed_of(draw, "draw")
-    return Variant(draw, bool(ideal))
+    return Variant(None if draw is None else seed_of(draw, "draw"), bool(ideal))
 
 
 def rig_from(name: str | Path) -> Rig:
@@ -68,10 +66,7 @@ def _numbers(parameters: Mapping[str, float] | Sequence[str] | None) -> dict[str
 def vehicle_of(
     vehicle: str | Path | Vehicle, settings: Sequence[str] = (), variant: Variant = AS_FILED
 ) -> Vehicle:
-    """Return a vehicle: loaded by name or path as a variant, with settings applied, or the object given.
-
-    Raises ConfigError.
-    """
+    """Return the vehicle given, or one loaded as a variant, with settings applied. Raises ConfigError."""
     if isinstance(vehicle, str | Path):
         return load_vehicle(find_config("vehicles", str(vehicle)), settings_of(settings), variant)
     if not isinstance(vehicle, Vehicle):
@@ -85,16 +80,12 @@ def vehicle_of(
 
 
 def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
-    """Return a rig: loaded by name or path, the object given, or for None the scenario's, else ours.
-
-    Raises ConfigError.
-    """
+    """Return the rig given, or loaded by name or path; None: the scenario's, else ours. Raises ConfigError."""
     if rig is None and scenario is not None and scenario.rig:
         return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
-    if rig is None:
-        rig = "liftgate"
+    rig = "liftgate" if rig is None else rig
     if isinstance(rig, str | Path):
-        return rig_from(str(rig))
+        return rig_from(rig)
     if not isinstance(rig, Rig):
         raise ConfigError(f"`rig` {show(rig)}: allowed: a shipped name, a file, a Rig")
     return rig
@@ -104,10 +95,7 @@ def scenario_of(
     scenario: str | Path | ScenarioFile | Scenario | None,
     parameters: Mapping[str, float] | Sequence[str] | None = None,
 ) -> Scenario:
-    """Return a scenario: loaded by name or path, its parameters replaced, or the object given; None: an empty one.
-
-    Raises ConfigError.
-    """
+    """Return the scenario given, or loaded with other parameters; None: an empty one. Raises ConfigError."""
     if isinstance(scenario, ScenarioFile):
         return scenario.scenario(_numbers(parameters))
     if isinstance(scenario, str | Path):
@@ -115,9 +103,8 @@ def scenario_of(
     if scenario is not None and not isinstance(scenario, Scenario):
         raise ConfigError(f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None")
     if parameters:
-        raise ConfigError(
-            f"`parameters` {', '.join(_numbers(parameters))}: allowed with a scenario by its name or file"
-        )
+        names = ", ".join(_numbers(parameters))
+        raise ConfigError(f"`parameters` {names}: allowed with a scenario by its name or file")
     return no_scenario() if scenario is None else scenario
 
 
@@ -135,12 +122,9 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
         degrees = math.nan
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
-        raise ConfigError(f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees")
+        given = initial if isinstance(initial, str) and len(initial) <= 60 else show(initial)
+        raise ConfigError(f"`initial` {given}: allowed: {others}closed, open, or 0 to {top:g} degrees")
     return math.radians(degrees)
-
-
-def _short(initial: object) -> str:
-    return initial if isinstance(initial, str) and len(initial) <= 60 else show(initial)
 
 
 @dataclass(frozen=True)
@@ -173,10 +157,7 @@ class Setup:
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return the setup with another scenario and vehicle of the same files; None: the scenario's value.
-
-        Raises ConfigError.
-        """
+        """Return the setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
         return replace(
             self,
             scenario=scenario,
@@ -226,10 +207,8 @@ def setup_of(
         file, name = vehicle.path, vehicle.name
     else:
         if scenario.settings:
-            raise ConfigError(
-                f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
-                "by its name or file"
-            )
+            keys = ", ".join(each.source + each.key for each in scenario.settings)
+            raise ConfigError(f"{keys}: allowed with a vehicle by its name or file")
         built, file, name = vehicle_of(vehicle, settings, variant), None, "a vehicle"
     own = Path(scenario.source) if is_a_file else None
     made = Setup(scenario, built, vehicle_name=name, vehicle_file=file, scenario_file=own, seed=0, start_angle=0.0)

@@ -162,10 +162,7 @@ def offline_of(setup: Setup, step: float) -> Offline:
 
 
 def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Return requests, made at times, to an ECU without the gate in this process.
-
-    Raises ConfigError where one waits for a condition.
-    """
+    """Return timed requests to an ECU whose gate is elsewhere. Raises ConfigError where one awaits a condition."""
     issues = ConfigIssues("")
     for each in requests:
         if each.when.condition:
@@ -205,11 +202,7 @@ def _stimuli(
 
 
 def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: bytes) -> Tester | None:
-    """Return the tester of the ECU's diagnostics; None: there is nothing to do for it.
-
-    It reads trouble codes where there is a bus and the scenario has expectations of them, and resets the ECU by
-    the request `reset`, where that is not empty.
-    """
+    """Return the tester that reads the scenario's trouble codes, or resets the ECU by `reset`; None: neither."""
     own, before = None if rig is None else rig.diagnostics, issues.count
     is_read = rig is not None and bool(codes_of(scenario.expectations, own, issues))
     if own is None or issues.count > before or not (is_read or reset):
@@ -244,10 +237,7 @@ def injections_of(
     restbus: Collection[str] = (),
     beside: Sequence[Fault] = (),
 ) -> list[Injection]:
-    """Return the injections of faults in a vehicle and on its bus, beside other faults. Raises ConfigError.
-
-    `restbus` names the messages of the restbus.
-    """
+    """Return the injections of faults beside others; `restbus` names its messages. Raises ConfigError."""
     issues = ConfigIssues("")
     found = _injections([*beside, *faults], vehicle, rig, issues, restbus)
     issues.raise_if_any()
@@ -274,8 +264,7 @@ def _injections(
             edits.append(Edit(name, ADD, after - before) if is_shared else Edit(name, SET, after))
         times = (fault.start, fault.end, fault.period, fault.share)
         ramp = float(fault.values.get("ramp_s") or 0.0)
-        made = Injection(tuple(edits), *times, ramp=ramp, bus=on_bus, length=fault.length)
-        found.append(made)
+        found.append(Injection(tuple(edits), *times, ramp=ramp, bus=on_bus, length=fault.length))
     return found
 
 
@@ -293,11 +282,7 @@ def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
 
 
 def _with_others(fault: Fault, changed: Vehicle, faults: Sequence[Fault]) -> Vehicle:
-    """Return the vehicle with the values of all faults that are in force whenever `fault` is.
-
-    For example, magnets that lose their flux change both constants of a motor at once. Values that are not
-    possible are left out.
-    """
+    """Return the vehicle with the possible values of all faults that are in force whenever `fault` is."""
     for other in faults:
         key = other.values.get("key")
         if other.kind != "parameter" or key in (fault.values["key"], *_FIXED):
@@ -338,10 +323,7 @@ def _is_same(one: Instant, other: Instant) -> bool:
 def _changed_by(
     fault: Fault, vehicle: Vehicle, faults: Sequence[Fault], issues: ConfigIssues
 ) -> dict[str, tuple[float, float]]:
-    """Return the constants that a changed key of the vehicle file changes: from what to what.
-
-    The value is validated together with those of the faults that are in force whenever it is.
-    """
+    """Return the constants that a key of the vehicle file changes, from what to what; issues if it must not."""
     if fault.kind != "parameter":
         return {}
     key, value = fault.values["key"], float(fault.values["value"])
@@ -357,9 +339,8 @@ def _changed_by(
         issues.take([f"{value_key}: {value:g} is out of range; allowed: {allowed}"])
         return {}
     changed = with_value(vehicle, parameter, value)
-    wrong = (
-        [_FIXED[key]] if key in _FIXED else issues_with(_with_others(fault, changed, faults), with_friction=False)
-    )
+    together = _with_others(fault, changed, faults)
+    wrong = [_FIXED[key]] if key in _FIXED else issues_with(together, with_friction=False)
     if wrong:
         issues.take([f"{value_key}: {key} = {value:g}: {each}" for each in wrong])
         return {}

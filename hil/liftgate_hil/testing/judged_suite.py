@@ -14,9 +14,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import BUS_LOGS
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Subject
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.testing.outcome import Case, Outcome, not_run
 from liftgate_hil.testing.rejudge import RecordingExpectations, StoppedJudgingError, as_recorded, judged
 

@@ -9,8 +9,8 @@ from typing import Annotated
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan
+from liftgate_hil.plan.request import Job
 from liftgate_hil.plan.setup import Setup
 from liftgate_hil.testing.outcome import Case, Outcome
 from liftgate_hil.testing.suite import run_suite

@@ -14,8 +14,8 @@ from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.drive.result import Result as RunResult
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.loop.refusal_texts import gaps_text
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Subject
+from liftgate_hil.plan.request import Job
 
 _MISSING = 0.05  # share of the commands whose counter is missing, from which on that is noted
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from liftgate_hil.drive.gate import Gate
     from liftgate_hil.drive.result import Result
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.plan.job import Job
+    from liftgate_hil.plan.request import Job
     from liftgate_hil.testing.outcome import Case, Outcome
 
 _PACKAGE = Path(__file__).parents[1]
@@ -207,8 +207,7 @@ def _allow_imports_from_root(config: pytest.Config) -> None:
 
 def _template(config: pytest.Config) -> Job:
     """Return the job that the options define for scenarios. Raises ConfigError."""
-    from liftgate_hil.plan.job import Job
-    from liftgate_hil.plan.request import RunRequest
+    from liftgate_hil.plan.request import Job, RunRequest
 
     bus = config.getoption("liftgate_bus")
     ecu = config.getoption("liftgate_ecu") or (ON_A_BUS if bus else REFERENCE)

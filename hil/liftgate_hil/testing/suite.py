@@ -19,8 +19,8 @@ from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.formats.ours import is_ours
 from liftgate_hil.formats.target import set_aside, set_aside_text
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan, plan_of
+from liftgate_hil.plan.request import Job
 from liftgate_hil.testing.outcome import Case, Outcome, not_run
 
 

@@ -16,9 +16,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
 from liftgate_hil.judging.verdict import PASS
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.judged_suite import judge_suite, recorded_cases_of, runs_of

@@ -17,8 +17,8 @@ from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.space import DRAW, KEY, PARAMETER, SEED_OF_RUN, VariedTarget
 from liftgate_hil.config.vehicle import VehicleFile
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
+from liftgate_hil.plan.request import Job
 from liftgate_plant.quantity import Quantity
 
 OWN = f"""

@@ -17,9 +17,8 @@ from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
 from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 
 needs_compiler = pytest.mark.skipif(not compiler.enabled(), reason="needs the compiler")
 

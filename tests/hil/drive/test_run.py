@@ -13,9 +13,8 @@ from liftgate_hil.drive.run import execute
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.python_loop import Loop
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
 TEXT = """

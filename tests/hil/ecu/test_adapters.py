@@ -25,7 +25,7 @@ from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
-from liftgate_hil.isolate.recording_sink import RecordingSink
+from liftgate_hil.isolate.recorders import RecordingSink
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock

@@ -22,9 +22,8 @@ from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.isolate.isolation import run_isolated
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.moments import Instant

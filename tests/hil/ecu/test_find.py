@@ -9,9 +9,8 @@ from hil_support import issues_of
 
 from liftgate_hil.ecu.find import adapter_for, check_ecu
 from liftgate_hil.errors import ConfigError, printable
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.plan.setup import rig_from
 
 

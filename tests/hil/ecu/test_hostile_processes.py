@@ -20,9 +20,8 @@ import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.drive.run import execute
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 SCENARIO = Scenario(NO_STIMULI, (), 0.1)

@@ -19,7 +19,7 @@ from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.rotation import Limit
 from liftgate_hil.isolate.recorder_process import RecorderProcess
-from liftgate_hil.isolate.ring_recorder import RingRecorder, place_in
+from liftgate_hil.isolate.recorders import RingRecorder, place_in
 from liftgate_hil.loop.rings import Memory, note_frames
 
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it

@@ -8,8 +8,7 @@ import pytest
 from hil_support import text_file
 
 import liftgate_hil as lh
-from liftgate_hil.plan.job import Job
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.rejudge import expectations_of, judged
 from liftgate_hil.testing.request import JudgeRequest

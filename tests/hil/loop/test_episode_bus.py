@@ -45,7 +45,7 @@ from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.formats.content import Content
-from liftgate_hil.isolate.recording_sink import RecordingSink
+from liftgate_hil.isolate.recorders import RecordingSink
 from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.loop.observers import Extremes, Trace
 from liftgate_hil.plan.setup import vehicle_from

@@ -18,9 +18,8 @@ from liftgate_hil.formats.open import holds_nothing
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.operate.further_recording import RECORDING, STARTING, FurtherRecording
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import Plan, plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 
 EPOCH_NS = 1_700_000_000_000_000_000
 

@@ -16,9 +16,8 @@ from liftgate_hil.drive.run_plan import run_plan
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.operate import operator
 from liftgate_hil.operate.attachment.client import Client
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 
 RIG = shipped_rig()
 BODY, BUTTON = 0x140, 0x130

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from html_page import Page
 
-from liftgate_hil.plan.job import Job
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport

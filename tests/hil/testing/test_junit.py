@@ -19,8 +19,7 @@ from xmlschema import XMLSchema10
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.errors import LiftgateError
-from liftgate_hil.plan.job import Job
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.junit import as_junit, class_names, issues_as_junit
 from liftgate_hil.testing.mutation import MutationResult

@@ -16,7 +16,7 @@ from liftgate_hil.drive.result import silence_of, tolerance_of
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.open import open_writer
 from liftgate_hil.formats.writer import truncated_to_us
-from liftgate_hil.isolate.recording_sink import write_block
+from liftgate_hil.isolate.recorders import write_block
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict

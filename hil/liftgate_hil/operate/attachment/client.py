@@ -73,10 +73,7 @@ class Client:
         return bool(poll.poll(0))
 
     def news(self, lines: int) -> JsonObject:
-        """Return the progress of the run and its log after the first `lines` lines; {}: no reply in time.
-
-        Raises RunGoneError.
-        """
+        """Return the run's progress and its log after `lines` lines; {}: no reply in time. Raises RunGoneError."""
         return self._answer(self._ask({"lines": lines}))
 
     def command(self, command: object) -> JsonObject:
@@ -104,15 +101,11 @@ class Client:
         try:
             self._wire.sendall(packed)
         except OSError as error:
-            self._take_the_rest()
+            with contextlib.suppress(OSError, ValueError):
+                while come := self._wire.recv(65_536):  # what it had sent before it has ended
+                    self._keep(come)
             raise RunGoneError(f"the run {self.pid} has ended") from error
         return self._count
-
-    def _take_the_rest(self) -> None:
-        """Take what a run that has ended had sent before."""
-        with contextlib.suppress(OSError, ValueError):
-            while come := self._wire.recv(65_536):
-                self._keep(come)
 
     def _keep(self, come: bytes) -> None:
         """Keep the replies in what has come, and how the run has ended. Raises ValueError."""

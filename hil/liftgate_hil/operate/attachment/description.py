@@ -18,7 +18,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.formats.suffixes import RECORDED
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.operate.attachment.geometry import geometry_of
+from liftgate_hil.operate.attachment.drawing import geometry_of
 from liftgate_hil.operate.by_hand import usual_obstacle
 from liftgate_hil.plan.force_limits import force_limits_of
 from liftgate_hil.plan.request import RunRequest

@@ -26,10 +26,7 @@ _HEAD = struct.Struct("<I")  # header of a message: its length
 
 
 def _places() -> list[Path]:
-    """Return the folders in which a user's sockets may be; a run listens in the first one that it can use.
-
-    What attaches may have another environment than the run, for example without XDG_RUNTIME_DIR.
-    """
+    """Return where a user's sockets may be, with or without XDG_RUNTIME_DIR; a run takes the first usable one."""
     given, own, runtime = os.environ.get("XDG_RUNTIME_DIR"), os.getuid(), Path(_RUNTIME.format(os.getuid()))
     found = [Path(given) / _NAME] if given and not _is_foreign(Path(given)) else []
     found += [runtime / _NAME] if not _objection(runtime) else []
@@ -60,10 +57,7 @@ def _objection(path: Path) -> str:
 
 
 def folder() -> Path:
-    """Return the folder in which runs of this process listen, which no other user can read; create it if needed.
-
-    Raises ConfigError where no place can be used, with the reason for each.
-    """
+    """Return, and make, the private folder in which runs listen. Raises ConfigError with what each place lacks."""
     issues = []
     for path in _places():
         with contextlib.suppress(OSError):  # the folder is looked at in any case
@@ -92,10 +86,7 @@ def path_of(pid: int) -> Path:
 
 
 def sockets() -> dict[int, int]:
-    """Return the ids of the processes with a socket, in rising order, and when each was made [ns since 1970].
-
-    A run that was killed leaves its socket. Other files in the folders cost a look at their names only.
-    """
+    """Return the ids of the processes with a socket, rising, and when each was made [ns]; killed runs leave it."""
     found: dict[int, int] = {}
     for place in _folders():
         with contextlib.suppress(OSError), os.scandir(place) as entries:
@@ -200,10 +191,7 @@ class Arrivals:
         self._bytes = bytearray()
 
     def take(self, come: bytes) -> list[Any]:
-        """Add bytes, and return the messages that are complete.
-
-        Raises ValueError for one that is not JSON, or too long.
-        """
+        """Add bytes, and return the messages that are complete. Raises ValueError for one too long or not JSON."""
         self._bytes += come
         found = []
         while len(self._bytes) >= _HEAD.size:

@@ -24,8 +24,8 @@ from liftgate_hil.judging.verdict import Verdict, margin_text, times_text
 from liftgate_hil.loop.listener import Listener, Relay, RunStatus
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.operate.attachment import endpoint
-from liftgate_hil.operate.attachment.acting import Acting
 from liftgate_hil.operate.attachment.description import Description
+from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.attachment.phase import PhaseTracker
 from liftgate_hil.operate.operator import Operator
 
@@ -308,10 +308,7 @@ class _Connection:
         wire.settimeout(_PATIENCE_S)
 
     def read(self) -> list[Any]:
-        """Return the questions received.
-
-        Raises OSError where the client has left, ValueError for invalid bytes.
-        """
+        """Return the questions received. Raises OSError where the client has left, ValueError for invalid ones."""
         come = self._wire.recv(65_536)
         if not come:
             raise OSError("it has left")

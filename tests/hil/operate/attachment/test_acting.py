@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from liftgate_hil.loop.tick import copied
-from liftgate_hil.operate.attachment.acting import Acting
+from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.by_hand import held_obstacle, obstacle_in
-from liftgate_hil.plan.job import Job
 from liftgate_hil.plan.loop_start import start_of
 from liftgate_hil.plan.plan import plan_of
-from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.stimuli.command_queue import NAMES
 from liftgate_hil.stimuli.faults import look
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan

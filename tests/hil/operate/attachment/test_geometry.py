@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from liftgate_hil.operate.attachment.geometry import geometry_of
+from liftgate_hil.operate.attachment.drawing import geometry_of
 from liftgate_hil.plan.setup import vehicle_from
 from liftgate_plant.gate import extension, linkage
 from liftgate_plant.vehicle import Vehicle
