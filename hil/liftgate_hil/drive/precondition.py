@@ -210,12 +210,9 @@ def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
 
 
 def _before(setup: Setup, action: str = "") -> Setup:
-    """Return the setup of a phase before the scenario, without the scenario's stimuli, faults and expectations.
-
-    Its only request is `action`, at the beginning ("": none). The restbus keeps the values that its signals have
-    at the scenario's time 0.
-    """
+    """Return the setup of a phase before the scenario, whose only request is `action`, at the beginning."""
     scenario = setup.scenario
+    # The restbus keeps the values that its signals have at the scenario's time 0.
     signals = [each if each.when == Instant() else replace(each, when=NEVER) for each in scenario.signals]
     bare = replace(
         scenario,
