@@ -196,10 +196,7 @@ class NoVerdictError(_VerdictError):
 
 
 def _allow_imports_from_root(config: pytest.Config) -> None:
-    """Let an ECU's module be imported from pytest's root folder.
-
-    The folder comes last, so that nothing in it hides what is installed.
-    """
+    """Let an ECU's module be imported from pytest's root folder, which comes last and so hides nothing."""
     folder = str(config.rootpath)
     if folder not in sys.path:
         sys.path.append(folder)
