@@ -41,7 +41,7 @@ def source_of(
         from liftgate_hil.dashboard.recorded import RecordingSource
 
         how = read_options(request.recording_channel, request.timezone)
-        with progress(f"reading {printable(request.recording)}"):
+        with progress(f"reading {printable(str(request.recording))}"):
             return RecordingSource(Path(request.recording), request.rig, request.vehicle, how)
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.operate.attachment.client import Client
