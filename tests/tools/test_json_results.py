@@ -14,9 +14,8 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.codec.receive import Counts
 from liftgate_hil.doctor import check, examination, timing
 from liftgate_hil.loop.histogram import NOTHING
-from liftgate_hil.testing import mutation, suite
+from liftgate_hil.testing import mutation, sections, suite
 from liftgate_hil.testing.outcome import Case, Outcome
-from liftgate_hil.testing.sections import mutants_section
 from liftgate_hil.transport.base import LinkCounts
 from tools.docs.json_bench_keys import CAMPAIGN, DOCTOR, RIG
 from tools.docs.json_fit_keys import IDENTIFY, PLAN, VALIDATE
@@ -92,7 +91,7 @@ def test_the_keys_of_a_run(printed: Any) -> None:
 
 def test_the_keys_of_verdicts(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     first = next(iter(mutation.MUTANTS.values()))
-    for module in (mutation, mutants_section):
+    for module in (mutation, sections):
         monkeypatch.setattr(module, "MUTANTS", {first.name: first})
     monkeypatch.setattr(mutation.Matrix, "kills", lambda *_: [("s.toml", "stays open")])
     monkeypatch.setattr(mutation.Matrix, "not_counted", [("s.toml", "stays open")])

@@ -15,7 +15,7 @@ from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.playback.player import Played
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.report.run_report import DemoReport
-from liftgate_hil.testing.suite_result import SuiteResult
+from liftgate_hil.testing.tested import SuiteResult
 from liftgate_hil.transport.base import LinkCounts
 
 

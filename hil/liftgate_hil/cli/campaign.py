@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,6 @@ from liftgate_hil.plan.request import RunRequest
 if TYPE_CHECKING:
     from liftgate_hil.campaigns.campaign import CampaignProgress as State
     from liftgate_hil.campaigns.run import CampaignOutcome
-    from liftgate_hil.cli.terminal.progress import ProgressDisplay
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +50,11 @@ def run(call: Call) -> int:
     request, teller = call.request(CampaignRequest), Teller(call.is_quiet)
     stop = StopSignals()
     with _ended_in_order(stop), teller.progress("campaign") as progress:
-        watcher = CampaignWatcher(stop, _shown_by(progress), teller.say)
+
+        def show(state: State) -> None:
+            progress.update(state.done, state.count, line_of(state), before=state.found)
+
+        watcher = CampaignWatcher(stop, show, teller.say)
         found = campaigned(request, provenance_of(call.command_line, {}), watcher)
     for each in found.outcomes:
         _summarise(each, call.is_quiet)
@@ -75,11 +78,6 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
         raise stop.failure(str(error)) from error
 
 
-def _shown_by(shown: ProgressDisplay) -> Callable[[State], None]:
-    """Return what is called with the state of a campaign, and shows it."""
-    return lambda state: shown.update(state.done, state.count, line_of(state), before=state.found)
-
-
 def line_of(state: State) -> str:
     """Return the state of a campaign as a line."""
     parts = [f"{state.done}/{state.count or '?'} variants", f"{state.per_second:.1f} a second"]
@@ -95,7 +93,10 @@ def _found(outcome: CampaignOutcome) -> Iterator[str]:
 
     found = outcome.analysis.content
     if outcome.is_complete and "against" in found:
-        yield _compared(**found["against"])
+        both = found["against"]
+        pairs = ", ".join(f"{number} {pair}" for pair, number in both["verdicts"].items())
+        differ = f"{both['differing']} of {number_of(both['variants'], 'variant')} differ"
+        yield f"{' / '.join(both['ecus'])}: {differ}; verdicts: {pairs}"
     if not outcome.is_complete or "expectation" not in found:
         return
     name = found["expectation"]
@@ -114,12 +115,6 @@ def _found(outcome: CampaignOutcome) -> Iterator[str]:
         chance, low, high = (found[each] for each in ("probability", "low", "high"))
         share = f"{chance:.3g} (95 %: {low:.3g} to {high:.3g})"
         yield f"probability that “{name}” fails: {share}; the variants above were chosen near failures"
-
-
-def _compared(ecus: Sequence[str], variants: int, differing: int, verdicts: Mapping[str, int]) -> str:
-    """Return how two ECUs differ, as a line."""
-    pairs = ", ".join(f"{number} {pair}" for pair, number in verdicts.items())
-    return f"{' / '.join(ecus)}: {differing} of {number_of(variants, 'variant')} differ; verdicts: {pairs}"
 
 
 def _summarise(outcome: CampaignOutcome, is_quiet: bool) -> None:

@@ -20,22 +20,6 @@ from liftgate_hil.loop.listener import Listener
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Modules of all entry points of machine code, by their functions.
-_MODULES = {
-    "run_realtime": "liftgate_hil.loop.realtime_loop",
-    "run_stretch": "liftgate_hil.loop.closed_loop",
-    "scheduled_tick": "liftgate_hil.loop.python_loop",
-    "turn": "liftgate_hil.ecu.node",
-    "block": "liftgate_hil.loop.simulation",
-    "run": "liftgate_hil.identification.trajectory",
-    "walk": "liftgate_hil.measurement.walk",
-    "judge_block": "liftgate_hil.judging.table",
-    "note_wakeups": "liftgate_hil.loop.wakeups",
-    "put_lines": "liftgate_hil.formats.csv_writer",
-    "play": "liftgate_hil.playback.player",
-    "note_truths": "liftgate_hil.plan.recording_trigger",
-}
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags to the parser."""
@@ -50,13 +34,13 @@ def run(call: Call) -> int:
     from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
 
     stopped, teller = StopSignals(), Teller(call.is_quiet)
-    listener = _Compiling(teller, sum(not compiler.is_cached(function_of(name)) for name in _MODULES))
+    listener = _Compiling(teller, sum(not compiler.is_cached(function_of(name)) for name in ENTRY_POINTS))
     if not compiler.enabled():
         raise LiftgateError("the compiler is switched off (LIFTGATE_COMPILE=0); allowed: LIFTGATE_COMPILE not set")
     try:
         with reporting_compilation(listener, stopped), compiler.sharing():
-            for use in (_loops, _offline, _measurements, _replay):
-                use(listener, stopped)
+            _compile_loops(listener, stopped)
+            _compile_others()
     except compiler.GivenUpError:
         return stopped.exit_code
     finally:
@@ -64,11 +48,9 @@ def run(call: Call) -> int:
     if stopped():
         return stopped.exit_code
     files = list(compiler.cache_folder().rglob("*.code"))
-    for name in _MODULES:
+    for name, (what, _) in ENTRY_POINTS.items():
         if not compiler.is_cached(function_of(name)):  # files of other versions may be there
-            raise LiftgateError(
-                f"machine code of the {ENTRY_POINTS[name]} could not be saved; see the message above"
-            )
+            raise LiftgateError(f"machine code of the {what} could not be saved; see the message above")
     if not call.is_quiet:
         size = sum(file.stat().st_size for file in files) / 1e6
         print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)
@@ -77,7 +59,9 @@ def run(call: Call) -> int:
 
 def function_of(name: str) -> Callable[..., Any]:
     """Return the function of an entry point."""
-    function: Callable[..., Any] = getattr(importlib.import_module(_MODULES[name]), name)
+    from liftgate_hil.drive.compilation import ENTRY_POINTS
+
+    function: Callable[..., Any] = getattr(importlib.import_module(ENTRY_POINTS[name][1]), name)
     return function
 
 
@@ -105,7 +89,7 @@ class _Compiling(Listener):
         self._teller.compiled(name, seconds)
 
 
-def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
+def _compile_loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
     from liftgate_hil.drive.run import execute
     from liftgate_hil.plan.plan import plan_of
@@ -122,14 +106,19 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
                 raise LiftgateError(result.reason)
 
 
-def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile `simulate`, and the model that identification runs."""
+def _compile_others() -> None:
+    """Compile what `simulate`, `identify`, `judge`, `doctor` and `replay` run."""
     import numpy as np
 
+    from liftgate_hil.codec.frames import empty_frames
     from liftgate_hil.identification.trajectory import REST, trajectory
     from liftgate_hil.loop.simulation import blocks_of
-    from liftgate_hil.plan.setup import setup_of
+    from liftgate_hil.loop.wakeups import measure_wakeups
+    from liftgate_hil.measurement.walk import events_in
+    from liftgate_hil.plan.setup import rig_of, setup_of
     from liftgate_hil.plan.stimulation import offline_of
+    from liftgate_hil.playback.player import machine_code
+    from liftgate_hil.signals import BUS_OUTPUTS
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
@@ -140,25 +129,7 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
     list(blocks_of(offline_of(setup, 1e-3), initial_state(plant, 0.0), constant_voltage(0.0), 1))
     rows = np.full((2, len(INPUT_COLUMNS)), np.nan)
     trajectory(plant, vehicle.sensors, load, REST, 0, np.array([0.0, 1e-3]), rows, 1e-3)
-
-
-def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile the reading of bus logs, and the measurement of timer lateness."""
-    import numpy as np
-
-    from liftgate_hil.codec.frames import empty_frames
-    from liftgate_hil.loop.wakeups import measure_wakeups
-    from liftgate_hil.measurement.walk import events_in
-    from liftgate_hil.plan.setup import rig_of, setup_of
-    from liftgate_hil.signals import BUS_OUTPUTS
-
-    layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
+    layout = rig_of(None, setup.scenario).output_config(sending=False)
     events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS), True)
     measure_wakeups(1_000_000, 1)
-
-
-def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile the replay of a recording onto a bus."""
-    from liftgate_hil.playback.player import machine_code
-
     machine_code()

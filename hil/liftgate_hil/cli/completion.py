@@ -56,19 +56,17 @@ def _describe(action: argparse.Action) -> None:
 
     from liftgate_hil.config.shipped import shipped_names
 
+    values: object
     meta = action.metavar if isinstance(action.metavar, str) else ""
     if action.dest in _SHIPPED and "FILE" in meta:
         names = shipped_names(f"configs/{_SHIPPED[action.dest]}")
-        _set(action, _words_or_files(action.dest, names, "*.toml"))
+        values = _words_or_files(action.dest, names, "*.toml")
     elif action.dest == "ecu":
-        _set(action, _words_or_files("ecu", (REFERENCE, ON_A_BUS), "*.so"))
-    elif "FOLDER" in meta:
-        _set(action, shtab.DIRECTORY)
-    elif "FILE" in meta:
-        _set(action, shtab.FILE)
-
-
-def _set(action: argparse.Action, values: object) -> None:
+        values = _words_or_files("ecu", (REFERENCE, ON_A_BUS), "*.so")
+    elif "FOLDER" in meta or "FILE" in meta:
+        values = shtab.DIRECTORY if "FOLDER" in meta else shtab.FILE
+    else:
+        return
     action.complete = values  # type: ignore[attr-defined]
 
 

@@ -72,10 +72,7 @@ def run(call: Call) -> int:
 
 
 class _Demo:
-    """The demo: a run, in real time perhaps a second one, and what is shown of them.
-
-    Only one that `is_whole` is judged.
-    """
+    """The demo: a run, in real time perhaps a second one; only one that `is_whole` is judged."""
 
     def __init__(self, call: Call, request: RunRequest, is_whole: bool, stopped: StopSignals) -> None:
         self._call, self._is_whole = call, is_whole
@@ -186,10 +183,7 @@ class _Demo:
         )
 
     def _present(self, shown: Result, event: PinchEvent | None, mark: str) -> None:
-        """Write the picture of a result and print it; `mark` is put into the picture's title.
-
-        --no-record, --quiet and --json each leave out a part.
-        """
+        """Write the picture of a result, whose title has the `mark`, and print it, as far as the flags ask."""
         if not self._files.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
             teller = Teller(self._call.is_quiet, self._call.is_json)
             with teller.progress("picture"):

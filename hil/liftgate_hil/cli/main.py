@@ -149,7 +149,9 @@ def _command(argv: Sequence[str] | None) -> int:
     )
     forget_flags()
     _add_arguments(parser, module)
-    arrange(parser, EXAMPLES[name], _overview() if name == "run" else "")
+    lines = [f"  {each:<10} {text}" for each, text in {**COMMANDS, **_WORDS}.items()]
+    overview = "subcommands (each with its own --help):\n" + "\n".join(lines)
+    arrange(parser, EXAMPLES[name], overview if name == "run" else "")
     if name in _JUDGING:
         parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):
@@ -235,11 +237,6 @@ def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
     """Add the flags of a subcommand's module, and `--version`."""
     parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
     module.add_arguments(parser)
-
-
-def _overview() -> str:
-    lines = [f"  {name:<10} {text}" for name, text in {**COMMANDS, **_WORDS}.items()]
-    return "subcommands (each with its own --help):\n" + "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -12,14 +12,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.playback.request import ReplayRequest
-
-if TYPE_CHECKING:
-    from liftgate_hil.playback.player import Played
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,12 +43,22 @@ def run(call: Call) -> int:
     noted = NotingRelay(teller)
     player = player_for(request, noted, stopped, tell)
 
-    def tell_all() -> None:
+    def tell_all() -> int:
+        """Print what was played, and return the exit code."""
+        played, text = player.played, ""
+        is_cut_short = stopped() and not played.is_complete and not request.loop
+        if is_cut_short:
+            text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
+        elif played.frames_not_sent:
+            text = f"{played.frames_not_sent} of {played.frames_due} frames were not sent"
         if call.is_json:
-            player.played.stop_reason = stopped.name or "end"
-            print(summed_up(request, player.played, call.command_line, noted.notes).to_json())
-        else:
-            _tell(call, request, player.played, stopped)
+            played.stop_reason = stopped.name or "end"
+            print(summed_up(request, played, call.command_line, noted.notes).to_json())
+        elif text:
+            print(f"liftgate-hil replay: {text}", file=sys.stderr)
+        if not call.is_json and not call.is_quiet:
+            print("\n".join(played.lines()))
+        return stopped.exit_code if is_cut_short else int(played.frames_not_sent > 0)
 
     try:
         with shown, reporting_compilation(teller, stopped):
@@ -63,22 +69,4 @@ def run(call: Call) -> int:
         if player.played.frames_due:
             tell_all()
         raise
-    tell_all()
-    return _exit_code(request, player.played, stopped)
-
-
-def _tell(call: Call, request: ReplayRequest, played: Played, stopped: StopSignals) -> None:
-    if not played.is_complete and stopped() and not request.loop:
-        text = f"{stopped.name} after {played.played_s:.3f} s and {played.frames_sent} frames"
-        print(f"liftgate-hil replay: {text}", file=sys.stderr)
-    elif played.frames_not_sent:
-        text = f"{played.frames_not_sent} of {played.frames_due} frames were not sent"
-        print(f"liftgate-hil replay: {text}", file=sys.stderr)
-    if not call.is_quiet:
-        print("\n".join(played.lines()))
-
-
-def _exit_code(request: ReplayRequest, played: Played, stopped: StopSignals) -> int:
-    if stopped() and not played.is_complete and not request.loop:
-        return stopped.exit_code
-    return 1 if played.frames_not_sent else 0
+    return tell_all()

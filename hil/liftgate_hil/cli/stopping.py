@@ -105,10 +105,7 @@ class StopSignals:
 
 
 def _ended() -> None:
-    """Ignore further signals at exit, so that the process keeps its exit code.
-
-    Python removes its handlers when it ends, and the alarm, or the same signal again, would then kill the process.
-    """
+    """Ignore further signals at exit: Python has no handlers then, so that they would change the exit code."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -107,9 +107,8 @@ def _key(kind: str, name: str, key: JsonObject) -> FaultKey:
 
 def in_words(name: str, unit: str = "") -> str:
     """Return a name as words, without the unit at its end: "Supply voltage" for supply_voltage_v."""
-    plain = name.removesuffix(SUFFIXES.get(unit, "") or "\0")
+    words = name.removesuffix(SUFFIXES.get(unit, "") or "\0").replace("_", " ")
     for short, word in (("hall a ", "Hall A "), ("hall b ", "Hall B "), ("hall ", "Hall ")):
-        if plain.replace("_", " ").startswith(short):
-            return word + plain.replace("_", " ").removeprefix(short)
-    words = plain.replace("_", " ")
+        if words.startswith(short):
+            return word + words.removeprefix(short)
     return words[:1].upper() + words[1:]

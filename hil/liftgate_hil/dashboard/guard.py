@@ -57,8 +57,9 @@ class Guard:
         own = [*self._hosts, _address_in(scope)]
         if len(headers.getlist("host")) != 1 or host not in own:
             return 403, f"host {host[:200]!r}; allowed: {', '.join(own)}"
-        origin = headers.get("origin")
-        if origin is not None and not _is_from(origin.lower(), host):
+        origin = headers.get("origin", f"http://{host}")
+        scheme, _, sender = origin.lower().partition("//")
+        if scheme != "http:" or _with_port(sender) != host:
             return 403, f"origin {origin[:200]!r}; allowed: http://{host}"
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
         bearer = headers.get("authorization", "")
@@ -84,10 +85,6 @@ def hosts_of(address: str, port: int) -> list[str]:
     else:
         found += ["localhost", socket.gethostname(), socket.getfqdn()]
     return list(dict.fromkeys(f"{each.lower()}:{port}" for each in found))
-
-
-def _is_from(origin: str, host: str) -> bool:
-    return origin.startswith("http://") and _with_port(origin.removeprefix("http://")) == host
 
 
 def _address_in(scope: Scope) -> str:

@@ -20,7 +20,6 @@ from liftgate_hil.dashboard.page_state import (
     EndState,
     GateGeometry,
     JsonObject,
-    LoopHistograms,
     PageState,
     ShownLoop,
 )
@@ -104,10 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read all that is new at a time [s]; return `low` and `high` of each column in it.
-
-        Empty where no row is new.
-        """
+        """Read all that is new at a time [s]; return `low` and `high` of each column in it, if a row is new."""
         with self._updating:
             return self._update(now)
 
@@ -224,7 +220,7 @@ class Live:
     def now_and_then(self) -> PageState:
         """Return what is sent less often: the messages on the bus, and the histograms [µs from, µs to, count]."""
         found = {name: bars(self._shared.histograms[place]) for name, place in _TIMES.items()}
-        return {"messages": self._bus.messages(), "histograms": cast(LoopHistograms, found)}
+        return {"messages": self._bus.messages(), "histograms": found}
 
     def _load(self) -> float | None:
         """Return the bus load over the last second [%]; None: it is not known."""

@@ -42,7 +42,7 @@ def source_of(
 
         how = read_options(request.recording_channel, request.timezone)
         with progress(f"reading {printable(str(request.recording))}"):
-            return RecordingSource(Path(request.recording), _text(request.rig), _text(request.vehicle), how)
+            return RecordingSource(Path(request.recording), request.rig, request.vehicle, how)
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.operate.attachment.client import Client
 
@@ -91,7 +91,3 @@ def _chosen() -> int:
         f"no emulator of yours is running on this machine{endpoint.unusable()}: start one "
         "(liftgate-hil --bus …), or show `recording` FILE, or start `scenarios` FOLDER from the page"
     )
-
-
-def _text(path: str | Path | None) -> str | None:
-    return None if path is None else str(path)

@@ -13,7 +13,6 @@ from liftgate_hil.signals import COLUMNS
 JsonObject = dict[str, Any]  # a JSON object
 Numbers = dict[str, float]
 SignalValues = dict[str, float | str]
-Bars = list[tuple[float, float, int]]
 
 _QUANTILES = keys_of(Quantiles)
 _IN_WORDS = {
@@ -59,18 +58,12 @@ class AboutSource(TypedDict, total=False):
     ends_with_run: Annotated[bool, Shown("whether the server ends with its run")]
 
 
-class ShownLimit(TypedDict):
-    """Upper limit of the pinch force in an expectation."""
-
-    force_n: Annotated[float, Shown("the limit [N]")]
-    longest_s: Annotated[float | None, Shown("how long the force may be above it without interruption [s]; 0: "
-        "never; null: no number says it")]
-    expectation: Annotated[str, Shown("the expectation")]
-
-
 _Expectations = Annotated[dict[str, str], _by("NAME", "what the scenario expects; of a recording as far as its "
     "files are there as they were", "formula of the expectation, with numbers for parameters")]
-_ForceLimits = Annotated[list[ShownLimit], Shown("upper limits of the pinch force in these expectations")]
+_ForceLimits = Annotated[list[JsonObject], Shown("upper limits of the pinch force in these expectations", parts={
+    "force_n": "the limit [N]",
+    "longest_s": "how long the force may be above it without interruption [s]; 0: never; null: no number says it",
+    "expectation": "the expectation"})]
 
 
 class Control(TypedDict):
@@ -166,22 +159,6 @@ class AboutRun(AboutSource, total=False):
         "unit of a signal, as `Message.Signal`")]
 
 
-class PinchContact(TypedDict):
-    """Contact with an obstacle in a recording."""
-
-    begin_s: Annotated[float, Shown("begin [s]")]
-    end_s: Annotated[float, Shown("end [s]")]
-    peak_n: Annotated[float, Shown("largest pinch force [N]")]
-    peak_s: Annotated[float, Shown("its time [s]")]
-
-
-class ShownMark(TypedDict):
-    """Mark in a recording."""
-
-    time_s: Annotated[float, Shown("time [s]")]
-    text: Annotated[str, Shown("text")]
-
-
 class AboutRecording(AboutSource, total=False):
     """A recording: what it holds."""
 
@@ -191,9 +168,11 @@ class AboutRecording(AboutSource, total=False):
     end_s: Annotated[float, Shown("time of the last row [s]")]
     ours: Annotated[dict[str, str], Shown("of a bus log: column or signal that stands for a column of this "
         "program")]
-    contacts: Annotated[list[PinchContact] | None, Shown("contacts with an obstacle; null: the recording holds no "
-        "pinch force")]
-    marks: Annotated[list[ShownMark], Shown("marks, among them an operator's commands")]
+    contacts: Annotated[list[JsonObject] | None, Shown("contacts with an obstacle; null: the recording holds no "
+        "pinch force", parts={"begin_s": "begin [s]", "end_s": "end [s]", "peak_n": "largest pinch force [N]",
+        "peak_s": "its time [s]"})]
+    marks: Annotated[list[JsonObject], Shown("marks, among them an operator's commands", parts={
+        "time_s": "time [s]", "text": "text"})]
     expectations: _Expectations
     force_limits: _ForceLimits
 
@@ -348,18 +327,12 @@ class CommandsInForce(TypedDict, total=False):
     record: Annotated[JsonObject | None, Shown("the recording that was begun: `file` and `phase`; null: none")]
 
 
-class ActingObstacle(TypedDict, total=False):
-    """Obstacle in the gate's way."""
-
-    angle_deg: Annotated[float, Shown("gate angle at which the gate meets it [deg]")]
-    distance: Annotated[float, Shown("distance from the hinge [m]")]
-    meets: Annotated[str, Shown("`closing` or `opening`: direction of motion in which the gate meets it")]
-
-
 class ActingState(TypedDict, total=False):
     """What acts on the gate."""
 
-    obstacle: Annotated[ActingObstacle | None, Shown("the obstacle in the gate's way; null: none")]
+    obstacle: Annotated[JsonObject | None, Shown("the obstacle in the gate's way; null: none", parts={
+        "angle_deg": "gate angle at which the gate meets it [deg]", "distance": "distance from the hinge [m]",
+        "meets": "`closing` or `opening`: direction of motion in which the gate meets it"})]
     spring_health: Annotated[Mapping[str, float | None], Shown("share of the springs' force that is left, by "
         "drive: 1 without a fault",
         parts={"left": "of the left drive", "right": "of the right drive, where there is one"})]
@@ -377,14 +350,6 @@ class HeardMessage(TypedDict):
     data: Annotated[str, Shown("its payload: bytes in hexadecimal digits")]
     signals: Annotated[SignalValues, _by("SIGNAL", "its decoded signals; empty: unknown message",
         "value in the database's unit, or its label")]
-
-
-class LoopHistograms(TypedDict, total=False):
-    """Distributions of the loop's times."""
-
-    lateness_us: Annotated[Bars, Shown("how late ticks began, over the run: list of [from µs, to µs, count]")]
-    execution_us: Annotated[Bars, Shown("execution time of a tick: list of [from µs, to µs, count]")]
-    command_delay_us: Annotated[Bars, Shown("command delay: list of [from µs, to µs, count]")]
 
 
 class PageState(TypedDict, total=False):
@@ -414,8 +379,11 @@ class PageState(TypedDict, total=False):
         "margin and times; the bench's lateness may still change it", parts=_SO_FAR)]
     messages: Annotated[list[HeardMessage], Shown("the last frame of each message on the bus, decoded; in the "
         "stream five times a second")]
-    histograms: Annotated[LoopHistograms, Shown("lateness, execution time and command delay as bars: from, to "
-        "[µs], count; in the stream alike")]
+    histograms: Annotated[JsonObject, Shown("lateness, execution time and command delay as bars: from, to [µs], "
+        "count; in the stream alike", parts={
+        "lateness_us": "how late ticks began, over the run: list of [from µs, to µs, count]",
+        "execution_us": "execution time of a tick: list of [from µs, to µs, count]",
+        "command_delay_us": "command delay: list of [from µs, to µs, count]"})]
     log: Annotated[list[list[Any]], Shown("lines: number, Unix time, text; in the stream those that are new")]
     alarms: Annotated[list[list[Any]], Shown("of these lines the latest that nobody may miss: the link is lost, "
         "or back; a recording has ended before its run")]

@@ -15,14 +15,12 @@ import numpy as np
 from liftgate_hil.conversion.table import open_whole, ours_in
 from liftgate_hil.dashboard.page_state import (
     AboutRecording,
-    ActingObstacle,
     ActingState,
     Curves,
     GateGeometry,
+    JsonObject,
     PageState,
-    PinchContact,
     ShownLoop,
-    ShownMark,
 )
 from liftgate_hil.dashboard.source import curves_of, meanings_of, nothing_known, places_of, split
 from liftgate_hil.errors import ConfigError
@@ -54,12 +52,14 @@ class RecordingSource:
         self._path = path
         self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
         self._units = {name: table.signals[name].unit for name in self._names}
-        self._marks: list[ShownMark] = [{"time_s": time, "text": text} for time, text in table.marks[:_MOST_MARKS]]
+        marks = table.marks[:_MOST_MARKS]
+        self._marks: list[JsonObject] = [{"time_s": time, "text": text} for time, text in marks]
         if len(table.marks) > _MOST_MARKS:
             more = f"and {len(table.marks) - _MOST_MARKS} more marks"
             self._marks.append({"time_s": table.marks[_MOST_MARKS][0], "text": more})
         self._ours = {} if rig is None else ours_in(rig, self._names)
-        self._every = max(1, -(-_count(table) * len(self._names) // _MOST_VALUES))
+        count = sum(len(rows) for rows in table.rows(["time_s"]))
+        self._every = max(1, -(-count * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
         if not len(self._last):
             raise ConfigError(f"{path}: no rows; allowed: a recording with rows")
@@ -106,11 +106,8 @@ class RecordingSource:
         """Return the geometry of the vehicle, from the file's provenance or as given; empty: it is not known."""
         return self._geometry
 
-    def _contacts(self) -> list[PinchContact] | None:
-        """Return the contacts with an obstacle: begin and end [s], largest pinch force [N] and its time [s].
-
-        None: the recording holds no pinch force.
-        """
+    def _contacts(self) -> list[JsonObject] | None:
+        """Return the contacts with an obstacle; None: the recording holds no pinch force."""
         name = next(
             (each for each in self._names if self._ours.get("pinch_force_n", "pinch_force_n") == each), None
         )
@@ -145,16 +142,11 @@ class RecordingSource:
         return found
 
     def _acting(self, row: Mapping[str, float]) -> ActingState:
-        """Return what a recording says: the obstacle while the gate presses against it, at its edge, and springs.
-
-        Faults of the scenario change the springs; with others in force their state is not known (None).
-        """
+        """Return what a recording says: the obstacle while the gate presses against it, and the springs."""
         angle = row.get("pinch_contact_deg", math.nan)
         is_there = math.isfinite(angle) and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
-        rod: ActingObstacle | None = None
-        if is_there:
-            rod = {"angle_deg": angle, "distance": self._geometry["length_m"]}
-        if row.get(INJECTED, 0.0) > 0.0:
+        rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
+        if row.get(INJECTED, 0.0) > 0.0:  # by other faults than the scenario's: nobody knows the springs' state
             return {"obstacle": rod, "spring_health": dict.fromkeys(SIDES)}
         springs: dict[str, float] = {}
         for name, (sides, factor) in self._springs.items():
@@ -209,16 +201,11 @@ def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence
     return found
 
 
-def _count(table: Recording) -> int:
-    return sum(len(rows) for rows in table.rows(["time_s"]))
-
-
 def _keep(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
     if not len(rows):
         return
     parts = rows.reshape(-1, every, rows.shape[1])
     with np.errstate(all="ignore"):
-        for own, each in zip(
-            kept, (parts[:, -1], np.fmin.reduce(parts, axis=1), np.fmax.reduce(parts, axis=1)), strict=True
-        ):
-            own.append(each)
+        last, low, high = parts[:, -1], np.fmin.reduce(parts, axis=1), np.fmax.reduce(parts, axis=1)
+    for own, each in zip(kept, (last, low, high), strict=True):
+        own.append(each)

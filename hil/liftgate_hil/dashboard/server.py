@@ -120,8 +120,11 @@ class Page:
 
     async def _page(self, request: Request) -> Response:
         nonce = secrets.token_urlsafe(16)
+        text = (_PAGE / "index.html").read_text(encoding="utf-8")
+        for name in _PARTS:  # in one: no part of it is fetched without the token
+            text = text.replace(f"/*{name}*/", (_PAGE / name).read_text(encoding="utf-8"), 1)
         return HTMLResponse(
-            _page_with(nonce),
+            text.replace("{nonce}", nonce),
             headers={
                 "Content-Security-Policy": POLICY.format(nonce=nonce),
                 "Referrer-Policy": "no-referrer",
@@ -259,11 +262,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def _page_with(nonce: str) -> str:
-    """Return the whole page in one: no part of it is fetched without the token."""
-    text = (_PAGE / "index.html").read_text(encoding="utf-8")
-    for name in _PARTS:
-        text = text.replace(f"/*{name}*/", (_PAGE / name).read_text(encoding="utf-8"), 1)
-    return text.replace("{nonce}", nonce)

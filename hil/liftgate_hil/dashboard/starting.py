@@ -5,7 +5,6 @@ The page lists the folder's scenario files: name, description and requirements o
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import os
 import signal
@@ -57,10 +56,7 @@ class Scenarios:
         self._known: dict[str, _Known] = {}
 
     def names(self) -> tuple[list[str], bool]:
-        """Return the sorted names of the files, and whether these are all.
-
-        A large folder is not looked at to its end.
-        """
+        """Return the sorted names of the files, and whether these are all: a large folder is cut short."""
         found: list[str] = []
         looked, waiting = 0, deque([""])
         while waiting:
@@ -139,7 +135,7 @@ class Starter:
         self._folder, self._flags = folder, list(flags)
         self._scenarios, self._verdicts = Scenarios(folder), dict[str, str]()
         self._process: subprocess.Popen[str] | None = None
-        self._printed: collections.deque[str] = collections.deque(maxlen=_LINES)
+        self._printed: deque[str] = deque(maxlen=_LINES)
         self._name, self._is_stopped, self._is_closed = "", False, False
         self._starting = threading.Lock()
         self._thread = ThreadPoolExecutor(1)
@@ -158,14 +154,13 @@ class Starter:
 
         It reads folders and files, see `Scenarios`.
         """
-        code = None if self._process is None else self._process.poll()
         scenarios, is_all = self._scenarios.listed()
         listed = [{**each, "verdict": self._verdicts.get(each["name"], "")} for each in scenarios]
         return {
             "scenarios": cast(list[ListedScenario], listed),
             "is_all": is_all,
             "running": self.running,
-            "exit_code": code,
+            "exit_code": None if self._process is None else self._process.poll(),
         }
 
     def note_end(self, pid: int, end: EndState) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from liftgate_hil.dashboard.page_state import JsonObject, PageState
+from liftgate_hil.dashboard.page_state import PageState
 from liftgate_hil.dashboard.recorded import RecordingSource
 from liftgate_hil.dashboard.source import MOST_LINES
 
@@ -92,17 +92,11 @@ def merged(older: PageState, newer: PageState) -> PageState:
     if "log" in older:
         found["log"] = [*older["log"], *newer.get("log", ())][-MOST_LINES:]
     if older.get("span"):
-        found["span"] = _merged_spans(older["span"], newer.get("span") or older["span"])
+        one, other = older["span"], newer.get("span") or older["span"]
+        with np.errstate(all="ignore"):  # NaN in one only gives way to the other's number
+            low, high = np.fmin(one["low"], other["low"]), np.fmax(one["high"], other["high"])
+        found["span"] = {"low": low.tolist(), "high": high.tolist()}
     return found
-
-
-def _merged_spans(one: JsonObject, other: JsonObject) -> JsonObject:
-    """Return `low` and `high` of two stretches of time; NaN in one only gives way to the other's number."""
-    with np.errstate(all="ignore"):
-        return {
-            "low": np.fmin(one["low"], other["low"]).tolist(),
-            "high": np.fmax(one["high"], other["high"]).tolist(),
-        }
 
 
 async def _left(wire: WebSocket) -> None:

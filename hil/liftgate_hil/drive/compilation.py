@@ -9,20 +9,20 @@ import liftgate_compiler as compiler
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.listener import Listener
 
-# Names in messages of all entry points of machine code, by their functions.
+# Names in messages, and modules, of all entry points of machine code, by their functions.
 ENTRY_POINTS = {
-    "run_realtime": "real-time loop",
-    "run_stretch": "closed loop",
-    "scheduled_tick": "loop on a bus",
-    "turn": "ECU's side of the bus",
-    "block": "simulation",
-    "run": "identification model",
-    "walk": "reader of bus logs",
-    "judge_block": "evaluation of expectations",
-    "note_wakeups": "lateness measurement",
-    "put_lines": "CSV text",
-    "play": "replay",
-    "note_truths": "trigger of the recording",
+    "run_realtime": ("real-time loop", "liftgate_hil.loop.realtime_loop"),
+    "run_stretch": ("closed loop", "liftgate_hil.loop.closed_loop"),
+    "scheduled_tick": ("loop on a bus", "liftgate_hil.loop.python_loop"),
+    "turn": ("ECU's side of the bus", "liftgate_hil.ecu.node"),
+    "block": ("simulation", "liftgate_hil.loop.simulation"),
+    "run": ("identification model", "liftgate_hil.identification.trajectory"),
+    "walk": ("reader of bus logs", "liftgate_hil.measurement.walk"),
+    "judge_block": ("evaluation of expectations", "liftgate_hil.judging.table"),
+    "note_wakeups": ("lateness measurement", "liftgate_hil.loop.wakeups"),
+    "put_lines": ("CSV text", "liftgate_hil.formats.csv_writer"),
+    "play": ("replay", "liftgate_hil.playback.player"),
+    "note_truths": ("trigger of the recording", "liftgate_hil.plan.recording_trigger"),
 }
 
 
@@ -37,31 +37,34 @@ class _Watcher(compiler.Watcher):
 
     def compiles(self, name: str, seconds: float) -> None:
         """Report that an entry point is being compiled, for `seconds` so far."""
-        if self._stopped():
-            raise compiler.GivenUpError
         if seconds == 0.0:
             self._expected = compiler.expected_s(name)
         self._own = name
-        what = f"compiling the {ENTRY_POINTS.get(name, name)}"
-        self._listener.compiles(what, seconds, self._expected)
+        self._report("compiling", name, seconds, self._expected)
 
     def waits(self, name: str, seconds: float) -> None:
         """Report that another process compiles the entry point, for `seconds` so far."""
+        self._report("waiting for another process to compile", name, seconds, None)
+
+    def _report(self, doing: str, name: str, seconds: float, expected: float | None) -> None:
         if self._stopped():
             raise compiler.GivenUpError
-        what = f"waiting for another process to compile the {ENTRY_POINTS.get(name, name)}"
-        self._listener.compiles(what, seconds, None)
+        self._listener.compiles(f"{doing} the {_name_of(name)}", seconds, expected)
 
     def ready(self, name: str, seconds: float) -> None:
         """Report that the entry point is ready, and note how long it took to compile here."""
         if self._own == name:
             compiler.note_duration(name, seconds)
             self._own = ""
-        self._listener.compiled(ENTRY_POINTS.get(name, name), seconds)
+        self._listener.compiled(_name_of(name), seconds)
 
     def not_kept(self, why: str) -> None:
         """Report why machine code is not kept on disk."""
         self._listener.say(f"machine code is not cached: {why}")
+
+
+def _name_of(name: str) -> str:
+    return ENTRY_POINTS[name][0] if name in ENTRY_POINTS else name
 
 
 @contextlib.contextmanager

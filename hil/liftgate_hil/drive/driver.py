@@ -1,4 +1,4 @@
-"""Driver of a run: begins, advances and finishes a plan on one kind of clock, with its ECU and its sinks."""
+"""Driver of a run: begins, advances and finishes a plan on one kind of clock; its sinks and recordings."""
 
 from __future__ import annotations
 
@@ -6,20 +6,52 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from liftgate_hil.formats.guarded import Say, failures_of
+from liftgate_hil.formats.open import open_writers
+from liftgate_hil.isolate.recorders import RecordingSink
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.refusal_texts import RefusalTexts
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.plan.recording_trigger import Triggered
 
 if TYPE_CHECKING:
-    from liftgate_hil.drive.recordings import Recordings
     from liftgate_hil.drive.stepping import StepsAgain
     from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.formats.content import Content
     from liftgate_hil.loop.observers import Sink
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.operate.attachment.server import RunEnd
     from liftgate_hil.plan.plan import Plan
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+
+
+class Recordings:
+    """Files to which a run is recorded, open until the stack is left.
+
+    `sinks` write the run's rows and frames to them; there is none where nothing is recorded. No wall
+    clock applies: the recordings are the same every time.
+    """
+
+    def __init__(self, plan: Plan, content: Content, say: Say, stack: contextlib.ExitStack) -> None:
+        request = plan.request
+        self.writers = open_writers(request.recordings, content, request.limit(), say, stack)
+        self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
+        sink = RecordingSink(self.writers, content, self._triggered)
+        stack.callback(sink.flush)  # before the files are closed
+        self.sinks: list[Sink] = [sink] if self.writers else []
+
+    def mark(self, time_s: float, text: str) -> bool:
+        """Write an operator's mark at a time [s] of the run; False: a recording has ended."""
+        for each in self.writers:
+            each.write_mark(time_s, text)
+        return not any(each.failure for each in self.writers)
+
+    def note(self, summary: Summary) -> None:
+        """Enter files and windows in the figures of the run; they are whole once the stack is closed."""
+        summary.recordings = [file for each in self.writers for file in each.files]
+        if self._triggered is not None:
+            summary.recording_windows = self._triggered.count
 
 
 class Driver:
@@ -69,7 +101,7 @@ class Driver:
 
     def recording_failures(self) -> list[str]:
         """Return why recordings are incomplete, one text each."""
-        return [] if self.recordings is None else self.recordings.failures()
+        return [] if self.recordings is None else failures_of(self.recordings.writers)
 
     def not_made(self, has_failed: bool) -> str:
         """Return, after the run, which of the scenario's stimuli could not be applied; "": all were."""

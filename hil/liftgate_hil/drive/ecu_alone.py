@@ -23,7 +23,6 @@ from liftgate_plant.coding import Coding
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
-    from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.loop.listener import Listener
     from liftgate_hil.plan.request import EcuRequest
@@ -45,7 +44,27 @@ def drive_alone(request: EcuRequest, listener: Listener, stopped: Callable[[], b
         reporting_compilation(listener, stopped),
         adapter_for(request.ecu, rig, request.drives, shares_clock=False, coding=coding) as adapter,
     ):
-        _drive(request, rig, scenario, adapter, stopped, listener)
+        way = find_way(request, rig)
+        transport, lost_before = open_transport(way), 0
+        try:
+            requests = _requests(request.request) if request.request else list(scenario.requests)
+            if request.no_requests:
+                requests = []
+            asked = alone(requests)
+            listener.say(f"ECU {request.ecu} on {transport.name}; {_planned(requests)}")
+            for note in without_effect([each.action for each in requests], adapter):
+                listener.say(f"note: {note}")
+            peer = Peer(adapter, transport, asked)
+            waiting = _Waiting(rig, transport.name, way.within, listener)
+            lost_before = peer.dropped  # while machine code was compiled
+            with _going_first(request.realtime, listener):
+                losses = _Losses(peer, transport.name, listener)
+                _take_turns(peer, adapter, waiting, losses, request.duration, stopped, listener)
+        finally:
+            transport.close()
+            counts = transport.counts()
+            if faults := counts._replace(dropped=counts.dropped - lost_before).in_words():
+                listener.say(f"link: {', '.join(faults.values())}")
 
 
 def _coding(text: str) -> Coding:
@@ -62,37 +81,6 @@ def _coding(text: str) -> Coding:
                 continue
         raise ConfigError(f"`coding` {text}: {value!r}; allowed: {low:g} to {high:g}")
     return Coding(*found)
-
-
-def _drive(
-    request: EcuRequest,
-    rig: Rig,
-    scenario: Scenario,
-    adapter: Adapter,
-    stopped: Callable[[], bool],
-    listener: Listener,
-) -> None:
-    way = find_way(request, rig)
-    transport, lost_before = open_transport(way), 0
-    try:
-        requests = _requests(request.request) if request.request else list(scenario.requests)
-        if request.no_requests:
-            requests = []
-        asked = alone(requests)
-        listener.say(f"ECU {request.ecu} on {transport.name}; {_planned(requests)}")
-        for note in without_effect([each.action for each in requests], adapter):
-            listener.say(f"note: {note}")
-        peer = Peer(adapter, transport, asked)
-        waiting = _Waiting(rig, transport.name, way.within, listener)
-        lost_before = peer.dropped  # while machine code was compiled
-        with _going_first(request.realtime, listener):
-            losses = _Losses(peer, transport.name, listener)
-            _take_turns(peer, adapter, waiting, losses, request.duration, stopped, listener)
-    finally:
-        transport.close()
-        counts = transport.counts()
-        if faults := counts._replace(dropped=counts.dropped - lost_before).in_words():
-            listener.say(f"link: {', '.join(faults.values())}")
 
 
 def _planned(requests: Sequence[Request]) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 
-from liftgate_hil.drive.driver import Driver
-from liftgate_hil.drive.recordings import Recordings
+from liftgate_hil.drive.driver import Driver, Recordings
 from liftgate_hil.drive.start import started
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.isolate.isolation import foreign_code

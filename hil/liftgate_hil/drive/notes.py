@@ -77,13 +77,11 @@ def without_motion(setup: Setup, result: Result) -> list[str]:
         return []
     if not angles[1] - angles[0] < _STILL_DEG:  # true for NaN, too
         return []
-    sides = SIDES[: setup.vehicle.drives]
-    duties = [
-        f"{side} coasts"
-        if result.minima[f"{side}_coast"] == 1.0
-        else _span(side, result.minima[f"{side}_duty"], result.maxima[f"{side}_duty"])
-        for side in sides
-    ]
+    duties = []
+    for side in SIDES[: setup.vehicle.drives]:
+        low, high = (100.0 * each[f"{side}_duty"] for each in (result.minima, result.maxima))
+        duty = f"{side} duty {low:.3g} %" if low == high else f"{side} duty {low:.3g} to {high:.3g} %"
+        duties.append(f"{side} coasts" if result.minima[f"{side}_coast"] == 1.0 else duty)
     latch = ", and the latch stayed engaged" if result.minima["latched"] == 1.0 else ""
     text = f"the gate moved by less than {_STILL_DEG:g}°: the commands were {', '.join(duties)}{latch}"
     return [f"{text}; positive opens"]
@@ -116,11 +114,6 @@ def on_the_bus(plan: Plan, summary: Summary) -> list[str]:
     if link.send_queue_full and way is not None:
         found.append(f"{number_of(link.send_queue_full, 'frame')} of the gate not sent: {way.why_full}")
     return found
-
-
-def _span(side: str, low: float, high: float) -> str:
-    values = f"{100.0 * low:.3g}" if low == high else f"{100.0 * low:.3g} to {100.0 * high:.3g}"
-    return f"{side} duty {values} %"
 
 
 def without_effect(actions: Iterable[str], adapter: Adapter) -> list[str]:

@@ -7,7 +7,7 @@ judged; the scenario's time 0 is where the last phase ends, with the gate as it 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -186,36 +186,27 @@ def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
     scenario, reset = setup.scenario, rig.driver.reset
     if reset is not None:
         if reset.press is not None:
-            stimuli = planned_stimuli(_before(setup, "reset"), rig, is_on_bus=True)
-            yield Phase(stimuli, _Elapsed("reset", reset.press.hold + _AFTER, step))
+            yield Phase(_stimuli(setup, rig, "reset"), _Elapsed("reset", reset.press.hold + _AFTER, step))
         if reset.uds:
             assert rig.diagnostics is not None
             tester = asking_once(rig.diagnostics, reset_request_of(rig), is_repeated=True)
-            stimuli = planned_stimuli(_before(setup), rig, is_on_bus=True)._replace(tester=tester)
-            yield Phase(stimuli, _Answered("reset.uds", tester, reset, step))
+            yield Phase(_stimuli(setup, rig)._replace(tester=tester), _Answered("reset.uds", tester, reset, step))
         if reset.command:
-            stimuli = planned_stimuli(_before(setup), rig, is_on_bus=True)
-            yield Phase(stimuli, _Program("reset.command", reset, step))
+            yield Phase(_stimuli(setup, rig), _Program("reset.command", reset, step))
         if reset.ready:
-            awaited = [Request(Instant(math.nan, reset.ready), "stop")]
-            stimuli = planned_stimuli(_before(setup), rig, is_on_bus=True, awaited=awaited)
+            stimuli = _stimuli(setup, rig, awaited=[Request(Instant(math.nan, reset.ready), "stop")])
             yield Phase(stimuli, _Ready("reset.ready", stimuli, reset, step))
     if scenario.precondition or (reset is not None and not reset.ready):
-        stimuli = planned_stimuli(_before(setup), rig, is_on_bus=True)
         limit = _PATIENCE if reset is None else reset.timeout
-        yield Phase(stimuli, _Heard("precondition", rig.command_identifier(), limit, step))
+        yield Phase(_stimuli(setup, rig), _Heard("precondition", rig.command_identifier(), limit, step))
     for action in scenario.precondition:
-        stimuli = planned_stimuli(_before(setup, action), rig, is_on_bus=True)
-        yield Phase(stimuli, _Stands(f"precondition: {action}", step))
+        yield Phase(_stimuli(setup, rig, action), _Stands(f"precondition: {action}", step))
 
 
-def _before(setup: Setup, action: str = "") -> Setup:
-    """Return the setup of a phase before the scenario, without the scenario's stimuli, faults and expectations.
-
-    Its only request is `action`, at the beginning ("": none). The restbus keeps the values that its signals have
-    at the scenario's time 0.
-    """
+def _stimuli(setup: Setup, rig: Rig, action: str = "", awaited: Sequence[Request] = ()) -> StimulusPlan:
+    """Return the stimuli of a phase before the scenario, whose only request is `action`, at the beginning."""
     scenario = setup.scenario
+    # The restbus keeps the values that its signals have at the scenario's time 0.
     signals = [each if each.when == Instant() else replace(each, when=NEVER) for each in scenario.signals]
     bare = replace(
         scenario,
@@ -225,4 +216,4 @@ def _before(setup: Setup, action: str = "") -> Setup:
         signals=tuple(signals),
         requests=(Request(Instant(), action),) if action else (),
     )
-    return replace(setup, scenario=bare)
+    return planned_stimuli(replace(setup, scenario=bare), rig, is_on_bus=True, awaited=awaited)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from liftgate_hil.drive.bus_driver import BusDriver
-from liftgate_hil.drive.recordings import Recordings
+from liftgate_hil.drive.driver import Recordings
 from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.loop.statistics import Summary

@@ -57,7 +57,10 @@ def run_plan(
             except GivenUpError:
                 driver.tell_end(RunEnd(PASS, PASS, "stopped before it began"))
                 raise
-            driver.tell_end(_end_of(result))
+            force, time = result.maxima["pinch_force_n"], result.pinch_time_s
+            peak = (None, None) if math.isnan(time) else (force, time)
+            verdicts = tuple(result.expectations.values())
+            driver.tell_end(RunEnd(result.verdict, result.ending, result.reason, verdicts, None, *peak))
             return result
     except GivenUpError:  # stopped before it began
         return nothing_of(plan.job, "", 0)
@@ -114,13 +117,6 @@ def _noted(driver: Driver, result: Result) -> Result:
     if whole is None or result.summary.model_time_s > whole - 1.5 * step:  # not of a part
         notes += without_contact(setup, result)
     return replace(result, notes=(*notes, *result.notes)) if notes else result
-
-
-def _end_of(result: Result) -> RunEnd:
-    """Return how a run with this result has ended, for those who are attached to it."""
-    force, time = result.maxima["pinch_force_n"], result.pinch_time_s
-    peak = (None, None) if math.isnan(time) else (force, time)
-    return RunEnd(result.verdict, result.ending, result.reason, tuple(result.expectations.values()), None, *peak)
 
 
 def _sinks_of(plan: Plan, others: Sequence[Sink]) -> list[Sink]:

@@ -38,10 +38,6 @@ _SAME_DEG = 0.2  # by which a gate stepped again may differ from the recorded on
 _MOST = 2_000_000  # frames and rows that are kept; more are too many to step again
 
 
-def _never() -> bool:
-    return False
-
-
 class CommandLog:
     """Sink that keeps the frames received by a gate, and the gate's angle in each tick."""
 
@@ -117,7 +113,7 @@ class StepsAgain:
     rate: float  # Hz
     end: float  # s, of the run and of every window
     angles: NDArray[np.float64]  # deg, the gate's in each tick of the run: it must move as it did then
-    stopped: Callable[[], bool] = _never
+    stopped: Callable[[], bool] = lambda: False
     _known: dict[float, _Stepped | None] = field(default_factory=dict)  # by commands' shift [s]
 
     def __call__(self, late: float) -> SteppedAgain | None:
@@ -174,11 +170,7 @@ class _Stepped(NamedTuple):
 
 
 class _CommandPlayer(Adapter):
-    """Adapter that plays recorded frames to the gate in place of an ECU.
-
-    The first tick whose time is that of a frame or later, plus the `shift` [s], reads the frame: the `frames` (n,)
-    LOGGED are those that the gate received in the run.
-    """
+    """Adapter that plays the `frames` (n,) LOGGED of a run to the gate, each `shift` [s] later."""
 
     kind = PORT
 
@@ -203,15 +195,12 @@ class _CommandPlayer(Adapter):
             last += 1
         self._next = last
         if last > first:
-            self._put(self._frames[first:last])
+            frames, rows = self._frames[first:last], self.state.port.outbox.view(np.ndarray)[: last - first]
+            rows["id"] = frames["identifier"] & 0xFFFFFFFF
+            rows["length"] = frames["length"]
+            rows["format"] = frame_flags(frames["identifier"])
+            rows["payload"] = frames["payload"]
         return last - first
-
-    def _put(self, frames: Any) -> None:
-        outbox = self.state.port.outbox.view(np.ndarray)[: len(frames)]
-        outbox["id"] = frames["identifier"] & 0xFFFFFFFF
-        outbox["length"] = frames["length"]
-        outbox["format"] = frame_flags(frames["identifier"])
-        outbox["payload"] = frames["payload"]
 
 
 def change_around(trace_summary: TraceSummary | None, verdict: Verdict, late: float) -> float:

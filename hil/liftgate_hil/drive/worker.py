@@ -57,22 +57,15 @@ def main() -> int:
 
 
 def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
-    """Show for as long as the process lives that the interpreter lock is free now and then: an ECU may keep it.
-
-    Once asked where the ECU's code is, the thread answers that.
-    """
+    """Show that the interpreter lock, which an ECU may keep, is free; answer once where the ECU's code is."""
     control = memory.shared.control[0]
     while not control.asked:
         control.pulse += 1
         time.sleep(_PULSE_S)
-    with contextlib.suppress(OSError):
-        send_answer(address, PLACE + _place_now().encode(errors="backslashreplace"))
-
-
-def _place_now() -> str:
-    """Return where the ECU's code in Python is at present, as text; "": it does not run, or is not in Python."""
     main = threading.main_thread().ident
-    return place_in(traceback.extract_stack(sys._current_frames().get(main or 0)))
+    with contextlib.suppress(OSError):
+        place = place_in(traceback.extract_stack(sys._current_frames().get(main or 0)))  # "": it does not run
+        send_answer(address, PLACE + place.encode(errors="backslashreplace"))
 
 
 def _result_of(pickled: bytes, memory: Memory) -> object:
@@ -97,17 +90,12 @@ def _result_of(pickled: bytes, memory: Memory) -> object:
     except BaseException as error:  # also an exit or an interrupt that foreign code raised
         text = f"{type(error).__name__}: {text_of(error)}".rstrip(": ")
         who = "the ECU"
-        if _is_ours(error):
+        calls = traceback.extract_tb(error.__traceback__)
+        if calls and is_of_this_program(Path(calls[-1].filename)):
             traceback.print_exception(error)
             who = "the run's process"
         ticks = int(control.tick[0])
         return EcuError(f"{who} at {ticks / rate:.3f} s: {text}{place_of(error)}", ticks)
-
-
-def _is_ours(error: BaseException) -> bool:
-    """Whether an error was raised by this program's own code, not by an ECU's."""
-    calls = traceback.extract_tb(error.__traceback__)
-    return bool(calls) and is_of_this_program(Path(calls[-1].filename))
 
 
 if __name__ == "__main__":

@@ -57,7 +57,9 @@ class LibraryEcu(Adapter):
         self.close()
         handle = self._library._handle
         del self._library, self._destroy
-        _dlclose(handle)
+        unload = ctypes.CDLL(None).dlclose
+        unload.restype, unload.argtypes = ctypes.c_int, [ctypes.c_void_p]
+        unload(handle)
         try:
             ctypes.CDLL(str(self._path), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
         except OSError:  # unloaded, as it shall be
@@ -71,10 +73,3 @@ class LibraryEcu(Adapter):
         instance, self._instance = self._instance, None
         if instance:
             self._destroy(instance)
-
-
-def _dlclose(handle: int) -> None:
-    """Close the handle of a library that was loaded once."""
-    close = ctypes.CDLL(None).dlclose
-    close.restype, close.argtypes = ctypes.c_int, [ctypes.c_void_p]
-    close(handle)

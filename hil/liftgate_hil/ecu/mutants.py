@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,28 +125,19 @@ def mutant_ecu(name: str, rig: Rig, drives: int, coding: Coding) -> Adapter:
     mutant = MUTANTS[name]
     ecu = ReferenceEcu(rig, drives, calibration=calibration_of(mutant, coding))
     if mutant.unchecked:
-        ecu.node = ecu.node._replace(reference=_UNCHECKED[mutant.unchecked](ecu.node.reference))
+        ecu.node = ecu.node._replace(reference=_without(mutant.unchecked, ecu.node.reference))
     return ecu
 
 
-def _without_counter(config: EcuConfig) -> EcuConfig:
+def _without(check: str, config: EcuConfig) -> EcuConfig:
+    """Return the constants of an ECU that checks no counter, or no checksum, in what it receives."""
     messages = config.inputs.messages.copy()
-    messages.counter[:] = -1
+    if check == "counter":
+        messages.counter[:] = -1
+    else:  # the checksum of an E2E profile is checked together with its counter
+        is_simple = np.isin(messages.kind, [*checksum.KINDS.values(), checksum.OWN])
+        messages.kind[is_simple] = checksum.NONE
     return config._replace(inputs=config.inputs._replace(messages=messages))
-
-
-def _without_checksum(config: EcuConfig) -> EcuConfig:
-    messages = config.inputs.messages.copy()
-    # The checksum of an E2E profile is checked together with its counter.
-    is_simple = np.isin(messages.kind, [*checksum.KINDS.values(), checksum.OWN])
-    messages.kind[is_simple] = checksum.NONE
-    return config._replace(inputs=config.inputs._replace(messages=messages))
-
-
-_UNCHECKED: Mapping[str, Callable[[EcuConfig], EcuConfig]] = {
-    "counter": _without_counter,
-    "checksum": _without_checksum,
-}
 
 
 def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]:

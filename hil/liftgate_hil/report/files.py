@@ -131,7 +131,7 @@ def put_report(path: Path, content: bytes, say: Say = silent) -> None:
 
     Raises OSError, ConfigError.
     """
-    if _holds(path, content):
+    if path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content:
         return
     is_foreign = path.is_file() and path.stat().st_size > 0 and not is_ours(path)
     with whole_file(path, make_way=functools.partial(make_way, path, say) if is_foreign else None) as stream:
@@ -142,11 +142,6 @@ def make_way(path: Path, say: Say = silent) -> None:
     """Set aside what is in the place of a report, unless it is an earlier one of ours. Raises ConfigError."""
     if path.is_file() and not is_ours(path) and (aside := set_aside(path)) is not None:
         say(f"{path}: the file that was there is now {aside}")
-
-
-def _holds(path: Path, content: bytes) -> bool:
-    """Whether a file has this content already."""
-    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
 def write_report(path: str, name: str, text: str, say: Say = silent) -> None:

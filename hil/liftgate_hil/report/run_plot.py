@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.report.drawing import DRIVES, FINAL, GRID, INITIAL, INK, MARK, line, new_figure, png, style
 from liftgate_hil.report.files import put_report
-from liftgate_hil.report.pinch import LIMITS, PinchEvent, TimedForceLimit
+from liftgate_hil.report.pinch import LIMITS, PinchEvent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,9 +133,10 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
     force.set_ylim(0.0, 1.12 * top)
     for limit in LIMITS:
         dashes = ("--" if limit.longest else "-") if limit.is_judged else ":"  # dashed: for a time, as on the page
+        length = f" for {limit.longest:g} s" if limit.longest else ""
         force.axhline(limit.force, color=INITIAL, linewidth=1.3, linestyle=dashes)
         force.annotate(
-            _limit_text(limit),
+            f"{limit.force:.0f} N{length}: {limit.source}{'' if limit.is_judged else ' (not judged)'}",
             (1.0, limit.force),
             (-2, 4),
             xycoords=("axes fraction", "data"),
@@ -165,21 +166,13 @@ def window_of(event: PinchEvent) -> tuple[float, float]:
     return event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
 
 
-def _limit_text(limit: TimedForceLimit) -> str:
-    time = f" for {limit.longest:g} s" if limit.longest else ""
-    return f"{limit.force:.0f} N{time}: {limit.source}{'' if limit.is_judged else ' (not judged)'}"
-
-
 def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> None:
     """Draw the peak force, and an arrow from there to the judged limit."""
-    limit = LIMITS[0]
-    text = "\n".join(
-        [
-            f"peak {event.force_n:.1f} N",
-            f"at {event.time_s:.3f} s, {event.angle_deg:.2f} deg",
-            *(_margin_text(event.force_n, each.force) for each in LIMITS if not each.longest),
-        ]
-    )
+    limit, text = LIMITS[0], f"peak {event.force_n:.1f} N\nat {event.time_s:.3f} s, {event.angle_deg:.2f} deg"
+    for each in LIMITS:
+        if not each.longest:
+            margin = each.force - event.force_n
+            text += f"\n{abs(margin):.1f} N {'below' if margin >= 0.0 else 'above'} {each.force:.0f} N"
     axis.annotate(
         "",
         (event.time_s, limit.force),
@@ -189,11 +182,6 @@ def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> No
     axis.plot([event.time_s], [event.force_n], "o", color=FORCE, markersize=7, zorder=5)
     place = (event.time_s + 0.03 * (span[1] - span[0]), 0.5 * (event.force_n + limit.force))
     axis.text(*place, text, va="center", fontsize=_FONT)
-
-
-def _margin_text(force: float, limit: float) -> str:
-    margin = limit - force
-    return f"{abs(margin):.1f} N {'below' if margin >= 0.0 else 'above'} {limit:.0f} N"
 
 
 def draw_reversal(axis: Axes, event: PinchEvent) -> None:
@@ -225,10 +213,7 @@ def draw_angle(axis: Axes, picture: RunPicture) -> None:
 
 
 def _acts_from(columns: Columns, obstacle: DrawnObstacle) -> float:
-    """Return the time [s] from which on an obstacle can be met by the closing gate: once that is beyond it.
-
-    That is its start where the gate never is, as with an obstacle that the opening gate meets.
-    """
+    """Return when [s] an obstacle can be met: once the gate is beyond it; its start where the gate never is."""
     times = columns["time_s"]
     is_clear = (times >= obstacle.start) & (columns["gate_angle_deg"] > obstacle.angle_deg)
     return float(times[np.argmax(is_clear)]) if is_clear.any() else obstacle.start

@@ -192,7 +192,8 @@ def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]
         f'<path class="grid" d="M{_n(x.at(tick))} {_n(top)}V{_n(y.start)}"/>'
         for tick, _ in ticks(x.low, x.high, 9)
     ]
-    for tick, label in _value_ticks(panel, y):
+    named = [(value, clean(f"{value:g} {name}", 11)) for value, name in panel.names.items() if y.inside(value)]
+    for tick, label in named[:12] if panel.names else ticks(y.low, y.high, 5):
         place = y.at(tick)
         parts.append(f'<path class="grid" d="M{_n(x.start)} {_n(place)}H{_n(x.end)}"/>')
         parts.append(_words(x.start - 5, place + 3.5, label, "end"))
@@ -213,14 +214,6 @@ def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]
         label += unit
     parts.append(f'<text x="{_n(x.start)}" y="{_n(top - 6)}">{label}</text>')
     return parts
-
-
-def _value_ticks(panel: Panel, y: LinearScale) -> list[tuple[float, str]]:
-    if panel.names:
-        return [(value, clean(f"{value:g} {name}", 11)) for value, name in panel.names.items() if y.inside(value)][
-            :12
-        ]
-    return ticks(y.low, y.high, 5)
 
 
 def _curve(line: SignalLine, times: Floats, x: LinearScale, y: LinearScale, colour: str) -> list[str]:
@@ -294,10 +287,7 @@ def _margin(margin: Margin, x: LinearScale, y: LinearScale) -> list[str]:
 
 
 def _window(picture: Picture, x: LinearScale, top: float, bottom: float) -> list[str]:
-    """Return the SVG of the evaluation window: a shaded area, and its edges with their times.
-
-    An arrow marks an edge outside the axis.
-    """
+    """Return the SVG of the evaluation window: its area and edges, with an arrow where one is outside the axis."""
     if picture.window is None:
         return []
     begin, end = picture.window

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from liftgate_hil.errors import number_of
-from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, margin_text, worst
 from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
 from liftgate_hil.report.provenance import Provenance
@@ -19,8 +18,14 @@ from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.outcome import Outcome, counts_of, subject_of, verdict_of
 from liftgate_hil.testing.picture import expectation_svgs, left_out
-from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
-from liftgate_hil.testing.sections import limits_section, mutants_section
+from liftgate_hil.testing.sections import (
+    badge,
+    figures_of,
+    limits_section,
+    mutants_section,
+    scenario_section,
+    value_names,
+)
 
 MOST_PASSED, MOST_OTHERS = 8_000_000, 16_000_000  # bytes of pictures
 NO_REQUIREMENT = "none"
@@ -190,7 +195,7 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
             margin_text(verdict),
             _link(place, names[place]),
         )
-        for place, number, outcome, _, verdict in _all(outcomes)
+        for place, number, _, verdict in _all(outcomes)
         if verdict.verdict != PASS
     ]
     heads = ("verdict", "expectation", "reason", "margin", subject_of(outcomes))
@@ -202,13 +207,12 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
     names = _short_names(outcomes)
     found: dict[str, list[tuple[int, int, Verdict]]] = {}
     without = []
-    for place, number, outcome, _, verdict in _all(outcomes):
-        row = (place, number, verdict)
+    for place, number, outcome, verdict in _all(outcomes):
         requirements = outcome.case.plan.setup.scenario.requirement
         for each in requirements:
-            found.setdefault(each, []).append(row)
+            found.setdefault(each, []).append((place, number, verdict))
         if not requirements:
-            without.append(row)
+            without.append((place, number, verdict))
     groups = [*found.items(), *([(NO_REQUIREMENT, without)] if without else [])]
     rows = []
     for name, members in groups:
@@ -242,12 +246,10 @@ def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
     return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
 
 
-def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Expectation, Verdict]]:
+def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Verdict]]:
     for place, outcome in enumerate(outcomes):
-        expectations = outcome.case.plan.setup.scenario.expectations
-        pairs = zip(expectations, outcome.expectations, strict=True)
-        for number, (expectation, verdict) in enumerate(pairs):
-            yield place, number, outcome, expectation, verdict
+        for number, verdict in enumerate(outcome.expectations):
+            yield place, number, outcome, verdict
 
 
 def _link(place: int, label: str, number: int | None = None) -> Markup:
@@ -256,11 +258,7 @@ def _link(place: int, label: str, number: int | None = None) -> Markup:
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
-    """Return the HTML of the results' origin: command, machine, versions, all source files, processor features.
-
-    Each file has one row in a table, with its SHA-256; the features are those that the machine code was compiled
-    for.
-    """
+    """Return the HTML of the results' origin: command, machine, versions, all source files, processor features."""
     found: Mapping[tuple[str, str], str] = {
         (each.path, each.sha256): name for outcome in outcomes for name, each in outcome.case.plan.sources.items()
     }

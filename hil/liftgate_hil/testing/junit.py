@@ -16,7 +16,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, line_of
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, line_of
 from liftgate_hil.report.files import JUNIT
 from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.outcome import Outcome
@@ -32,38 +32,22 @@ def as_junit(outcomes: Sequence[Outcome], mutation: MutationResult | None = None
     adds a case for mutation testing that was stopped, or for which a share was required.
     """
     root = ElementTree.Element("testsuites")
-    classes = class_names([_subject(each) for each in outcomes])
-    for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
-        root.append(_suite(outcome, number, name))
+    files = [each.case.recordings[0] if each.case.recordings else Path(each.case.file) for each in outcomes]
+    for outcome, name in zip(outcomes, class_names(files), strict=True):
+        cases = [(each.name, each.verdict, line_of(each)) for each in outcome.expectations]
+        lines = [f"{each.name}: {line_of(each)}" for each in outcome.expectations]
+        output = "\n".join([*lines, *(f"note: {each}" for each in outcome.notes)])
+        _add_suite(root, outcome.case.file, name, cases, outcome, output)
     if mutation is not None and mutation.reason:
-        root.append(_of_mutants(len(outcomes), mutation))
+        case = ("mutation threshold", mutation.verdict, mutation.reason)
+        _add_suite(root, "mutants", "mutants", [case], output=mutation.reason)
     return _written(root)
-
-
-def _of_mutants(number: int, mutation: MutationResult) -> ElementTree.Element:
-    verdict, reason = mutation.verdict, mutation.reason
-    suite = _testsuite("mutants", number, "", time.time(), 0.0, [verdict])
-    ElementTree.SubElement(suite, "properties")
-    case = ElementTree.SubElement(suite, "testcase", classname="mutants", name="mutation threshold", time="0.000")
-    if verdict != PASS:
-        kind = "failure" if verdict == FAIL else "error"
-        ElementTree.SubElement(case, kind, type=verdict, message=reason).text = reason
-    ElementTree.SubElement(suite, "system-out").text = reason
-    ElementTree.SubElement(suite, "system-err")
-    return suite
 
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:
     """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
     root = ElementTree.Element("testsuites")
-    suite = _testsuite("files and flags", 0, "", time.time(), 0.0, [ERROR] * len(issues))
-    root.append(suite)
-    ElementTree.SubElement(suite, "properties")
-    for each in issues:
-        case = ElementTree.SubElement(suite, "testcase", classname="liftgate-hil", name=_text(each), time="0.000")
-        ElementTree.SubElement(case, "error", type=ERROR, message=_text(each)).text = _text(each)
-    ElementTree.SubElement(suite, "system-out")
-    ElementTree.SubElement(suite, "system-err")
+    _add_suite(root, "files and flags", "liftgate-hil", [(each, ERROR, each) for each in issues])
     return _written(root)
 
 
@@ -76,73 +60,52 @@ def class_names(files: Sequence[Path]) -> list[str]:
     """
     found: list[str] = []
     for file in files:
-        own = ".".join(_NOT_IN_A_CLASS.sub("_", _text(part)) for part in _parts(file))
+        real = Path(os.path.realpath(file)).with_suffix("")
+        folders = [Path(os.path.realpath(each)) for each in (data_root() / "configs" / "scenarios", Path.cwd())]
+        above = next((each for each in folders if real.is_relative_to(each)), None)
+        parts = real.parts[-2:] if above is None else real.relative_to(above).parts
+        own = ".".join(_NOT_IN_A_CLASS.sub("_", _text(part)) for part in parts)
         count = sum(name == own or name.startswith(f"{own} (") for name in found)
         found.append(f"{own} ({count + 1})" if count else own)
     return found
 
 
-def _parts(file: Path) -> tuple[str, ...]:
-    """Return the parts of a file's path that name its class, without its suffix, see `class_names`."""
-    real = Path(os.path.realpath(file)).with_suffix("")
-    for folder in (data_root() / "configs" / "scenarios", Path.cwd()):
-        above = Path(os.path.realpath(folder))
-        if real.is_relative_to(above):
-            return real.relative_to(above).parts
-    return real.parts[-2:]
-
-
-def _subject(outcome: Outcome) -> Path:
-    """Return the file that an outcome is of."""
-    case = outcome.case
-    return case.recordings[0] if case.recordings else Path(case.file)
-
-
-def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
-    """Return the `testsuite` element of an outcome; `number` is its id, `name` the class of its test cases."""
-    verdicts = [each.verdict for each in outcome.expectations]
-    package, began = name.rpartition(".")[0], outcome.ended - outcome.wall_s
-    suite = _testsuite(outcome.case.file, number, package, began, outcome.wall_s, verdicts)
-    properties = ElementTree.SubElement(suite, "properties")
-    for own, value in properties_of(outcome):
-        ElementTree.SubElement(properties, "property", name=_text(own), value=_text(value))
-    for each in outcome.expectations:
-        suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
-    lines = [f"{each.name}: {line_of(each)}" for each in outcome.expectations]
-    lines += [f"note: {each}" for each in outcome.notes]
-    ElementTree.SubElement(suite, "system-out").text = _text("\n".join(lines))
-    ElementTree.SubElement(suite, "system-err").text = _text(outcome.reason)
-    return suite
-
-
-def _testsuite(
-    name: str, number: int, package: str, began: float, seconds: float, verdicts: Sequence[str]
-) -> ElementTree.Element:
-    """Return an empty `testsuite` element; `began` is in seconds since 1970."""
-    return ElementTree.Element(
+def _add_suite(
+    root: ElementTree.Element,
+    name: str,
+    owner: str,
+    cases: Sequence[tuple[str, str, str]],
+    outcome: Outcome | None = None,
+    output: str = "",
+) -> None:
+    """Add a `testsuite` element with its cases (name, verdict, text), whose class name is `owner`."""
+    verdicts = [verdict for _, verdict, _ in cases]
+    wall_s, ended = (0.0, time.time()) if outcome is None else (outcome.wall_s, outcome.ended)
+    suite = ElementTree.SubElement(
+        root,
         "testsuite",
         name=_text(name),
-        id=str(number),
-        package=package,
-        timestamp=datetime.datetime.fromtimestamp(began, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+        id=str(len(root)),
+        package=owner.rpartition(".")[0],
+        timestamp=datetime.datetime.fromtimestamp(ended - wall_s, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S"),
         hostname=_text(socket.gethostname()) or "localhost",
-        tests=str(len(verdicts)),
+        tests=str(len(cases)),
         failures=str(verdicts.count(FAIL)),
         errors=str(verdicts.count(ERROR) + verdicts.count(INCONCLUSIVE)),
         skipped="0",
-        time=f"{seconds:.3f}",
+        time=f"{wall_s:.3f}",
     )
-
-
-def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
-    """Return the `testcase` element of an expectation; `name` is its class name, `seconds` its duration."""
-    case = ElementTree.Element("testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}")
-    if verdict.verdict != PASS:
-        kind = "failure" if verdict.verdict == FAIL else "error"
-        text = _text(line_of(verdict))
-        element = ElementTree.SubElement(case, kind, type=verdict.verdict, message=text)
-        element.text = text
-    return case
+    properties = ElementTree.SubElement(suite, "properties")
+    for own, value in [] if outcome is None else properties_of(outcome):
+        ElementTree.SubElement(properties, "property", name=_text(own), value=_text(value))
+    for own, verdict, said in cases:
+        seconds = f"{wall_s / len(cases):.3f}"
+        case = ElementTree.SubElement(suite, "testcase", classname=owner, name=_text(own), time=seconds)
+        if verdict != PASS:
+            kind, text = "failure" if verdict == FAIL else "error", _text(said)
+            ElementTree.SubElement(case, kind, type=verdict, message=text).text = text
+    ElementTree.SubElement(suite, "system-out").text = _text(output)
+    ElementTree.SubElement(suite, "system-err").text = "" if outcome is None else _text(outcome.reason)
 
 
 def properties_of(outcome: Outcome) -> list[tuple[str, str]]:

@@ -280,7 +280,9 @@ def mutate(
 
     `tell` is called with how many of how many runs are done.
     """
-    cases = [_bare(outcome.case) for outcome in sound]
+    cases = [outcome.case for outcome in sound]
+    # Without recordings and trace summaries: the runs yield verdicts only.
+    cases = [_varied(case, replace(case.job.asking(record=()), is_summarized=False)) for case in cases]
     matrix = Matrix(cases)
     for outcome in sound:
         matrix.add(SOUND, outcome)
@@ -298,18 +300,9 @@ def mutate(
 
 
 def _unasked(case: Case) -> Case:
-    """Return a case without requests and precondition, for a run without an ECU.
-
-    There the condition of a request may never come true, and no precondition is completed: what holds all the same
-    would be inconclusive.
-    """
+    """Return a case without requests and precondition: without an ECU all that waits for them is inconclusive."""
     scenario = replace(case.plan.setup.scenario, requests=(), precondition=())
     return _varied(case, case.job, replace(case.plan.setup, scenario=scenario))
-
-
-def _bare(case: Case) -> Case:
-    """Return a copy of a case without recordings and trace summaries: its run yields verdicts only."""
-    return _varied(case, replace(case.job.asking(record=()), is_summarized=False))
 
 
 def _varied(case: Case, job: Job, setup: Setup | None = None) -> Case:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -75,7 +75,9 @@ def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> li
     curves = {each.side.text: each for each in view.curves}
     panels: dict[str, Panel] = {}
     drawn = set()
-    for comparison, is_trigger in _all(trace_summary):
+    relations = [(each, False) for each in trace_summary.condition]
+    relations += [(each, True) for each in trace_summary.opener]
+    for comparison, is_trigger in relations:
         sides = [side for side in (comparison.left, comparison.right) if side.text in curves]
         if not sides:
             continue
@@ -96,11 +98,6 @@ def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> li
     found = [*panels.values(), *parts.values()]
     # Time over time shows nothing; it is left out where there is another panel.
     return [each for each in found if each.title != "time_s"] or found
-
-
-def _all(trace_summary: TraceSummary) -> Iterable[tuple[Relation, bool]]:
-    yield from ((each, False) for each in trace_summary.condition)
-    yield from ((each, True) for each in trace_summary.opener)
 
 
 def _panel_with(panels: dict[str, Panel], side: Side, names: Names) -> Panel:
@@ -142,13 +139,23 @@ def _margin_on(
     line = panel.lines[labels.index(side.text)]
     limit = decider.limit
     if limit is not None:
-        value = _value_at_margin(expectation, verdict, trace_summary, view, side)
+        # A bin of the whole window may hold both values at the margin, so that the view around it decides.
+        views = [each for each in (trace_summary.near, view) if each is not None]
+        drawn = ((each, curve) for each in views for curve in each.curves if curve.side.text == side.text)
+        finest, curve = next(drawn)
+        near = _bins_of_margin(finest, expectation, verdict.margin_time_s)
+        own = SignalLine(side.text, curve.low, curve.high)
+        both = (limit[2] - abs(verdict.margin), limit[2] + abs(verdict.margin))
+        value = min((_distance(own, near, each)[0], each) for each in both)[1]
         _, place = _distance(line, bins, value)
-        return Margin(_time_of(view, bins, place, verdict), limit[2], value, label, stretch)
+        is_one = bins.stop - bins.start == 1
+        time = verdict.margin_time_s if is_one else float(view.times[bins][place])
+        return Margin(time, limit[2], value, label, stretch)
     other = decider.right.text
     if other not in labels:
         return None
-    ends = [_middle(panel.lines[labels.index(each)], bins) for each in (other, side.text)]
+    lines = [panel.lines[labels.index(each)] for each in (other, side.text)]
+    ends = [float(0.5 * (each.low[bins][-1] + each.high[bins][-1])) for each in lines]
     return Margin(verdict.margin_time_s, ends[0], ends[1], label, stretch)
 
 
@@ -161,26 +168,6 @@ def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float)
     return slice(max(first, 0), max(last, 0) + 1)
 
 
-def _value_at_margin(
-    expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, view: EnvelopeView, side: Side
-) -> float:
-    """Return the signal's value at the margin: the limit less, or plus the margin, whichever the signal has.
-
-    A bin of the whole window may hold both, so that the view around the margin decides.
-    """
-    decider = next(each for each in trace_summary.condition if each.text == verdict.decided_by)
-    assert decider.limit is not None
-    assert verdict.margin is not None
-    assert verdict.margin_time_s is not None
-    limit, reach = decider.limit[2], abs(verdict.margin)
-    views = [each for each in (trace_summary.near, view) if each is not None]
-    pairs = ((each, curve) for each in views for curve in each.curves if curve.side.text == side.text)
-    finest, curve = next(pairs)
-    bins = _bins_of_margin(finest, expectation, verdict.margin_time_s)
-    line = SignalLine(side.text, curve.low, curve.high)
-    return min((_distance(line, bins, value)[0], value) for value in (limit - reach, limit + reach))[1]
-
-
 def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
     """Return how far from a value the nearest bin is, and which one that is."""
     low, high = line.low[bins], line.high[bins]
@@ -189,14 +176,3 @@ def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
         return math.inf, 0
     place = int(np.nanargmin(away))
     return float(away[place]), place
-
-
-def _time_of(view: EnvelopeView, bins: slice, place: int, verdict: Verdict) -> float:
-    assert verdict.margin_time_s is not None
-    if bins.stop - bins.start == 1:
-        return verdict.margin_time_s
-    return float(view.times[bins][place])
-
-
-def _middle(line: SignalLine, bins: slice) -> float:
-    return float(0.5 * (line.low[bins][-1] + line.high[bins][-1]))

@@ -196,10 +196,7 @@ class NoVerdictError(_VerdictError):
 
 
 def _allow_imports_from_root(config: pytest.Config) -> None:
-    """Let an ECU's module be imported from pytest's root folder.
-
-    The folder comes last, so that nothing in it hides what is installed.
-    """
+    """Let an ECU's module be imported from pytest's root folder, which comes last and so hides nothing."""
     folder = str(config.rootpath)
     if folder not in sys.path:
         sys.path.append(folder)
@@ -236,22 +233,19 @@ class Liftgate:
         """Return a `liftgate_hil.Gate`, which is closed with the test."""
         from liftgate_hil.drive.gate import Gate
 
-        for name in ("vehicle", "rig"):
-            given = self._config.getoption(f"liftgate_{name}")
-            if given is not None:
-                arguments.setdefault(name, given)
-        made = Gate(**arguments)
+        made = Gate(**self._with_options(arguments, "vehicle", "rig"))
         self._gates.append(made)
         return made
+
+    def _with_options(self, arguments: dict[str, Any], *names: str) -> dict[str, Any]:
+        options = {name: self._config.getoption(f"liftgate_{name}") for name in names}
+        return {name: value for name, value in options.items() if value is not None} | arguments
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
         """Call `liftgate_hil.run`, with the options' ECU, bus, vehicle and rig where none is named."""
         from liftgate_hil.drive.run import run
 
-        for name in ("ecu", "bus", "vehicle", "rig"):
-            given = self._config.getoption(f"liftgate_{name}")
-            if given is not None:
-                arguments.setdefault(name, given)
+        arguments = self._with_options(arguments, "ecu", "bus", "vehicle", "rig")
         if arguments.get("bus") is not None:
             arguments.setdefault("ecu", ON_A_BUS)
             arguments.setdefault("clock", "realtime")

@@ -23,8 +23,7 @@ from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, near_miss, own_column
 from liftgate_hil.signals import COLUMNS, OUTPUT_COLUMNS, Bench
 from liftgate_hil.testing.recorded_run import ColumnSamples, RecordedRun, rounded_to_us
-from liftgate_hil.testing.run_clocks import notes_on_begin, set_clocks
-from liftgate_hil.testing.run_file import RunFile, opened
+from liftgate_hil.testing.run_file import RunFile, notes_on_begin, opened, set_clocks
 
 Floats = NDArray[np.float64]
 
@@ -96,9 +95,9 @@ def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places
     found: dict[str, tuple[RunFile | None, str]] = {}
     has_frames = any(each.has_frames for each in files)
     for ours, theirs in asked.mapping.items():
-        file, name = _place_of(files, theirs)
-        if file is not None:
-            found[ours] = file, name
+        places = [(file, name) for file in files if (name := theirs.found_in(file.names)) is not None]
+        if places:
+            found[ours] = places[0]
         elif has_frames and signal_unit(asked.rig.messages, theirs.name) is not None:
             found[ours] = None, theirs.name
         else:
@@ -119,14 +118,6 @@ def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places
                 ours, unit = meant
                 issues.append(f"{file.path}: {name}: unexpected unit; allowed: `maps` '{ours}={name}[{unit}]'")
     return found
-
-
-def _place_of(files: Sequence[RunFile], theirs: Theirs) -> tuple[RunFile | None, str]:
-    for file in files:
-        name = theirs.found_in(file.names)
-        if name is not None:
-            return file, name
-    return None, ""
 
 
 def _no_such(files: Sequence[RunFile], rig: Rig, ours: str, theirs: Theirs, has_frames: bool) -> str:
@@ -240,10 +231,7 @@ def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap
 
 
 def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals from missing rows until their message comes again.
-
-    Frames may be missing there, so that the last known value may be outdated.
-    """
+    """Yield gaps of signals from missing rows until their message comes again: frames may be missing there."""
     for gap in gaps:
         for name in asked.signals:
             own = frames["identifier"] & ~FD_FLAGS == asked.rig.identifier(name.partition(".")[0])
@@ -253,10 +241,7 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
 
 
 def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals where a log alone holds no frame at all for much longer than any message's cycle.
-
-    It is not known whether there was none, or none was recorded.
-    """
+    """Yield gaps of signals where a log alone holds no frame at all for much longer than any message's cycle."""
     if asked.may_be_silent or any(each.is_ours for each in files):
         return
     cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]

@@ -24,7 +24,6 @@ from liftgate_hil.formats.open import holds_nothing, open_file
 from liftgate_hil.formats.recording import ReadOptions, read_options
 from liftgate_hil.judging.expected import Expected
 from liftgate_hil.judging.judge import Gap, Judge
-from liftgate_hil.judging.stepped_again import SteppedAgain
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
@@ -212,17 +211,13 @@ def judged(
             watch.take(frames)
         if sketcher is not None:
             sketcher.take(rows, frames)
-    gaps = [*run.gaps, *_lacking(about, run, last)]
-    verdicts = [
-        _explained(each, run, about.expected.names(place))
-        for place, each in enumerate(
-            found.verdicts(
-                late=_not_made(about, run, watch, end),
-                gaps=gaps,
-                again=functools.partial(_stepped_again, paths, about, found, []),
-            )
-        )
-    ]
+    steps_again = functools.cache(lambda: _steps_again(paths, about, found))
+    own = found.verdicts(
+        late=_not_made(about, run, watch, end),
+        gaps=[*run.gaps, *_lacking(about, run, last)],
+        again=lambda late: None if (steps := steps_again()) is None else steps(late),
+    )
+    verdicts = [_explained(each, run, about.expected.names(place)) for place, each in enumerate(own)]
     trace_summaries = {} if sketcher is None else sketcher.trace_summaries()
     by_name = {each.name: each for each in verdicts}
     return JudgedRecording(
@@ -230,20 +225,8 @@ def judged(
     )
 
 
-def _stepped_again(
-    paths: Sequence[Path], about: RecordingExpectations, judge: Judge, made: list[StepsAgain | None], late: float
-) -> SteppedAgain | None:
-    """Step the gate of a recorded run again, see `judging.stepped_again`; `made` keeps what steps it.
-
-    Returns None where the recording does not hold enough: no commands, or not the gate's angle, an initial
-    condition that a precondition has left, or another gate.
-    """
-    if not made:
-        made.append(_steps_again(paths, about, judge))
-    return None if made[0] is None else made[0](late)
-
-
 def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Judge) -> StepsAgain | None:
+    """Return what steps the gate of a recorded run again; None where the recording does not hold enough for it."""
     setup, rig = about.setup, about.rig
     if setup.scenario.precondition or not rig.inputs or about.mapping:
         return None
@@ -270,10 +253,7 @@ def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Jud
 
 
 def _not_made(about: RecordingExpectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
-    """Return the requests and stimuli that the run, to its `end` [s], could not apply; "": none.
-
-    This is as far as its frames show it; its rows show the rest.
-    """
+    """Return what the run, to its `end` [s], could not apply, as far as its frames show it; "": nothing."""
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
     is_asked = about.asked.may_be_silent or any(each.action == "reset" for each in about.setup.scenario.requests)
     is_ours = not run.lacks("ticks_missed")

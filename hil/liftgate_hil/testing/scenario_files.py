@@ -18,13 +18,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expectation import KINDS
 
 _EXPECT = re.compile(rb"^[ \t]*\[\[?[ \t]*expect", re.MULTILINE)  # a header of [[expect]], or an attempt at one
-_OURS = {
-    "request",
-    "obstacle",
-    "profile",
-    "fault",
-    "precondition",
-}  # keys that scenarios have, and hardly another file
+# Keys that scenarios have, and hardly another file.
+_OURS = {"request", "obstacle", "profile", "fault", "precondition"}
 _MOST_FILES = 100  # files that include each other
 # A line of a scenario that other tools' files do not have.
 _LIKE_ONE = re.compile(

@@ -1,29 +1,32 @@
-"""Suite of scenario files as tests, or of recordings: run, judged and reported."""
+"""Suite of scenario files as tests, or of recordings: run, judged and reported; its result, with provenance."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 from liftgate_hil.config.described import command
 from liftgate_hil.config.kinds import listed
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
-from liftgate_hil.judging.verdict import PASS
+from liftgate_hil.judging.verdict import PASS, worst
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.plan.plan import Plan
 from liftgate_hil.plan.request import Job, RunRequest
-from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.report.provenance import Provenance, provenance_of
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.judged_suite import judge_suite, recorded_cases_of, runs_of
 from liftgate_hil.testing.junit import as_junit
 from liftgate_hil.testing.mutation import MutationResult, mutate
-from liftgate_hil.testing.outcome import Case, Outcome
+from liftgate_hil.testing.outcome import Case, Outcome, VerdictCounts, counts_of, verdict_of
 from liftgate_hil.testing.rejudge import expectations_of, paths_of
 from liftgate_hil.testing.report_files import (
     Targets,
@@ -36,7 +39,34 @@ from liftgate_hil.testing.report_files import (
 from liftgate_hil.testing.request import JudgeRequest, ReportsChoice, SuiteRequest
 from liftgate_hil.testing.scenario_files import scenario_files, unreadable_files
 from liftgate_hil.testing.suite import attempt_stem, cases_of, is_alone, run_suite
-from liftgate_hil.testing.suite_result import SuiteResult
+
+
+# fmt: off
+@dataclass(frozen=True)
+class SuiteResult(DescribedResult):
+    """Result of a suite of scenarios, or of recorded runs."""
+
+    scenarios: Annotated[tuple[Outcome, ...], Shown("scenarios in the order given; of `judge` recordings")]
+    provenance: Annotated[Provenance, Shown("see Provenance")]
+    mutation: Annotated[MutationResult | None, Shown("`test --mutants` only: which defects of the reference ECU "
+        "the scenarios find; else null")] = None
+
+    @property
+    def verdict(self) -> Annotated[str, Shown("the worst of all scenarios and of `mutation`: `pass`, "
+        "`inconclusive`, `fail` or `error`")]:
+        """The worst of all scenarios and of the mutation testing."""
+        tested = [] if self.mutation is None else [self.mutation.verdict]
+        return worst([verdict_of(self.scenarios), *tested])
+
+    @property
+    def expectations(self) -> Annotated[VerdictCounts, Shown("how many expectations have which verdict")]:
+        """Numbers of expectations by verdict."""
+        return counts_of(self.scenarios)
+
+    # fmt: on
+    def to_json(self, indent: int | None = 2) -> str:
+        """Return the JSON of `test` and `judge`, with an indent."""
+        return json.dumps(self.to_dict(), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
 class SuiteListener:
@@ -96,7 +126,14 @@ def report_on(request: SuiteRequest, listener: SuiteListener | None = None, comm
     targets = targets_of(request, heard.words, heard.say)
     with reporting_issues(targets, heard.words, heard.say):
         request = request.validated()
-        template = _template_of(request, heard.runs)
+        ecu, mutant = ecu_and_mutant(str(request.ecu))
+        template = Job(
+            RunRequest(**{**request.shared_with(RunRequest), "ecu": ecu}),
+            request if request.is_given else None,
+            mutant=mutant,
+            is_summarized=bool(request.html or request.results),
+            listener=heard.runs,
+        )
         cases = _cases_of(request, template, targets)
     for why in unreadable_files(_names_in(request)):
         heard.say(f"note: left out: {why}")
@@ -110,11 +147,14 @@ def report_on(request: SuiteRequest, listener: SuiteListener | None = None, comm
             outcomes[kept.case.file] = report.take(kept)
             heard.ended(outcomes[kept.case.file])
     ordered = tuple(outcomes[case.file] for case in cases)
-    mutation = _mutated(request, ordered, jobs, heard) if request.mutants else None
+    mutation = None
+    if request.mutants:
+        with heard.phase("mutants"):
+            matrix = mutate(ordered, jobs, heard.stopped, heard.mutated)
+        mutation = MutationResult(None if heard.stopped() else matrix, request.mutation_threshold)
     provenance = provenance_of(command_line or repr(request), {})
     result = SuiteResult(ordered, provenance, mutation)
-    with heard.phase("report"):
-        write_reports(targets, result, report, heard.put, heard.say)
+    write_reports(targets, result, report, heard)
     return result
 
 
@@ -147,18 +187,11 @@ def judge_on(
                 outcomes.append(report.take(outcome))
                 heard.ended(outcomes[-1])
     result = SuiteResult(tuple(outcomes), provenance_of(command_line or repr(request), {}))
-    with heard.phase("report"):
-        write_reports(targets, result, report, heard.put, heard.say)
+    write_reports(targets, result, report, heard)
     return result
 
 
-def write_reports(
-    targets: Targets,
-    result: SuiteResult,
-    report: SuiteReport,
-    put: Callable[[str], None],
-    say: Callable[[str], None],
-) -> None:
+def write_reports(targets: Targets, result: SuiteResult, report: SuiteReport, heard: SuiteListener) -> None:
     """Write the reports on a suite, see `write_all`. Raises ConfigError."""
     outcomes, mutation = result.scenarios, result.mutation
     contents: dict[str, Callable[[], bytes]] = {
@@ -166,24 +199,13 @@ def write_reports(
         "junit": lambda: as_junit(outcomes, mutation),
         "html": lambda: report.html(outcomes, result.provenance, mutation).encode(),
     }
-    write_all(targets, contents, put, say)
+    with heard.phase("report"):
+        write_all(targets, contents, heard.put, heard.say)
 
 
 def _names_in(request: SuiteRequest) -> list[str]:
     """Return the paths of a request as texts."""
     return list(map(str, listed(request.paths)))
-
-
-def _template_of(request: SuiteRequest, listener: Listener) -> Job:
-    """Return the job from which that of each scenario is made. Raises ConfigError."""
-    ecu, mutant = ecu_and_mutant(str(request.ecu))
-    return Job(
-        RunRequest(**{**request.shared_with(RunRequest), "ecu": ecu}),
-        request if request.is_given else None,
-        mutant=mutant,
-        is_summarized=bool(request.html or request.results),
-        listener=listener,
-    )
 
 
 def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Case]:
@@ -200,21 +222,8 @@ def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Ca
     return cases
 
 
-def _mutated(
-    request: SuiteRequest, sound: Sequence[Outcome], jobs: int, listener: SuiteListener
-) -> MutationResult:
-    """Run the scenarios against mutants."""
-    with listener.phase("mutants"):
-        matrix = mutate(sound, jobs, listener.stopped, listener.mutated)
-    return MutationResult(None if listener.stopped() else matrix, request.mutation_threshold)
-
-
 def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
-    """Return the cases with recordings of each in a folder: frames, and one row per tick.
-
-    No two have a name in common, those of up to `attempts` earlier attempts included. Raises ConfigError where one
-    is among the `inputs`.
-    """
+    """Return the cases, each with recordings of its own, also of attempts, in a folder. Raises ConfigError."""
     kept: list[Case] = []
     names: set[str] = set()
     issues: list[str] = []

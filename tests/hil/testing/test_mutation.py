@@ -61,11 +61,10 @@ eventually = "pinch_force_n > 5"
 
 def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """So that they are quickly run."""
-    from liftgate_hil.testing import mutation
-    from liftgate_hil.testing.sections import mutants_section
+    from liftgate_hil.testing import mutation, sections
 
     chosen = {name: MUTANTS[name] for name in names}
-    for module in (mutation, mutants_section):
+    for module in (mutation, sections):
         monkeypatch.setattr(module, "MUTANTS", chosen)
 
 

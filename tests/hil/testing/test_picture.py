@@ -18,7 +18,7 @@ from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.testing.picture import expectation_svgs, left_out
-from liftgate_hil.testing.scenario_section import value_names
+from liftgate_hil.testing.sections import value_names
 
 RATE = 100.0
 SIDES = st.sampled_from(

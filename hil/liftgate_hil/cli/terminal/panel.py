@@ -28,9 +28,11 @@ def panel_of(status: RunStatus, view: PanelView, width: int) -> RenderableType:
     """Return the panel of a status, in so many columns."""
     from rich.console import Group
 
+    left, right, age_s = status.left_current_a, status.right_current_a, status.command_age_s
+    motors = [f"{left:.2f} A"] if view.drives == 1 else [f"left {left:6.2f} A", f"right {right:6.2f} A"]
     lines = [
-        _line("motors", [(text, "") for text in _currents(status, view.drives)]),
-        _line("command", [_age(status)]),
+        _line("motors", [(text, "") for text in motors]),
+        _line("command", [("no command", _WARNING) if age_s is None else (f"{1e3 * age_s:.0f} ms old", "")]),
         _line("frames", [(f"{status.accepted} accepted", ""), (f"{status.sent} sent", "")]),
     ]
     wrong = _wrong(status)
@@ -75,19 +77,6 @@ def _line(name: str | None, parts: list[tuple[str, str]]) -> Text:
     for place, (part, style) in enumerate(parts):
         line.append("  " if place else "").append(part, style)
     return line
-
-
-def _currents(status: RunStatus, drives: int) -> list[str]:
-    if drives == 1:
-        return [f"{status.left_current_a:.2f} A"]
-    return [f"left {status.left_current_a:6.2f} A", f"right {status.right_current_a:6.2f} A"]
-
-
-def _age(status: RunStatus) -> tuple[str, str]:
-    """Return how old the last valid command is, and its style."""
-    if status.command_age_s is None:
-        return "no command", _WARNING
-    return f"{1e3 * status.command_age_s:.0f} ms old", ""
 
 
 def _wrong(status: RunStatus) -> list[tuple[str, str]]:

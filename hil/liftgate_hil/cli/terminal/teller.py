@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 from liftgate_hil.cli.command import as_flags
@@ -90,11 +90,9 @@ class Teller(Listener):
         plain = None if self._is_quiet or self._is_json else self._screen.say
         return ProgressDisplay(self._screen, what, total, clock=self._clock, plain=plain)
 
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Context for printing results: above panel and progress, and no other thread draws meanwhile."""
-        with self._screen.aside():
-            yield
+    def aside(self) -> AbstractContextManager[None]:
+        """Return a context for printing results: above panel and progress, and no other thread draws meanwhile."""
+        return self._screen.aside()
 
     def clear(self) -> None:
         """Take the panel away for what is printed next."""
