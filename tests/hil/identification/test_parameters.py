@@ -1,4 +1,4 @@
-"""Every number of a vehicle file is found by its name there, in the file's unit."""
+"""Every number of a vehicle file is a parameter under its key there, in the file's unit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.plant.runs import suv, tables
 
 
 def numbers(raw: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """(key, value) of a file's tables; a point's coordinates one by one."""
+    """(key, value) of the numbers in a file's tables; a point's coordinates one by one."""
     for table, content in raw.items():
         if table == "spread":
             continue
@@ -37,7 +37,7 @@ def numbers(raw: dict[str, Any]) -> Iterator[tuple[str, float]]:
 FILE = dict(numbers(tables()))
 
 
-def test_the_file_has_many_numbers() -> None:
+def test_the_tested_vehicle_file_has_many_numbers() -> None:
     assert len(FILE) > 35
 
 
@@ -72,7 +72,7 @@ def test_angles_are_degrees_in_the_file_and_radians_in_the_vehicle() -> None:
     assert with_value(vehicle, warm, -10.0).environment.ambient_temperature == -10.0
 
 
-def test_a_side_changes_that_drive_alone_and_no_side_both() -> None:
+def test_a_parameter_with_a_side_changes_one_drive_and_without_a_side_both() -> None:
     vehicle = suv()
     both = find_parameter(vehicle, "motor.resistance")
     left, right = (find_parameter(vehicle, f"{side}.motor.resistance") for side in ("left", "right"))
