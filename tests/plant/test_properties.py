@@ -110,7 +110,7 @@ def test_swapping_left_and_right_swaps_the_answer(name: str, data: st.DataObject
 @pytest.mark.parametrize("name", VEHICLES)
 @CALM
 @given(data=st.data())
-def test_compiled_equals_plain(name: str, data: st.DataObject) -> None:
+def test_the_compiled_plant_equals_the_plain_one(name: str, data: st.DataObject) -> None:
     vehicle = VEHICLES[name]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))

@@ -96,7 +96,7 @@ def test_a_bench_delay_like_lost_messages_before_the_window_makes_it_inconclusiv
 
 
 def test_lateness_before_the_window_is_reported_with_a_failure_it_may_have_caused() -> None:
-    """An ECU that a late bench has stopped fails later; its verdict stays, the reader knows where to look."""
+    """An ECU stopped by a late bench fails later; the verdict stays, and the reader is told where to look."""
     late = {"ticks_missed": {500: 3}}
     failed = verdict(rows_of(pinch_force_n={1200: 150.0}, **late))
     assert failed.verdict == "fail"
