@@ -105,8 +105,7 @@ def test_frames_from_before_a_lockstep_run_are_dropped_and_counted(rig: Rig):
 
 
 class Answering:
-    """Wire to an ECU that answers each `Gate` frame with one command, and had sent `said` frames before the gate
-    was there."""
+    """Wire to an ECU that answers each `Gate` frame with one command, and sent `said` frames before the run."""
 
     name = "answering"
     is_up = True
