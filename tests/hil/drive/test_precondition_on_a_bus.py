@@ -253,7 +253,7 @@ def test_a_program_that_is_not_there_is_reported(tmp_path: Path, on_bus: Any) ->
     assert "reset.command: /no/such/program: cannot be run" in told.reason
 
 
-def test_checking_a_rig_describes_its_uds_reset(tmp_path: Path) -> None:
+def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
     assert asked_by(RIG)["stop"] == "DriverRequest.Button = 3 for 0.2 s, else 0"
     rig = rig_with(tmp_path, f'{RESET}command = ["power", "cycle"]\nready = "time_s > 1"\n')
     said = "Body.Ignition = 0 for 0.3 s, else 1, runs power cycle, then waits for time_s > 1"

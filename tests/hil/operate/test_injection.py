@@ -400,9 +400,7 @@ def find(gate: lh.Gate, key: str) -> float:
         ('"BenchInject.FaultKind"', '"BenchInject.FaultPlace"', "kind: FaultPlace: left, right, both"),
     ],
 )  # fmt: skip
-def test_mistakes_in_the_rigs_injection_section_are_reported(
-    tmp_path: Path, old: str, new: str, said: str
-) -> None:
+def test_mistakes_in_the_injection_section_are_reported(tmp_path: Path, old: str, new: str, said: str) -> None:
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert old in text
     path = tmp_path / "their.toml"

@@ -218,9 +218,7 @@ def test_a_triggered_recording_states_its_trigger(runs: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_expectations_outside_a_triggered_recording_are_inconclusive(
-    runs: Path, tmp_path: Path, suffix: str
-) -> None:
+def test_what_a_triggered_recording_lacks_is_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
     window = open_recording(runs / "part.csv")
     times = np.concatenate(list(window.rows(["time_s"])))[:, 0]
     middle = float(times[len(times) // 2])

@@ -78,9 +78,7 @@ def test_unchanged_content_is_not_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("operation", ["fsync", "link", "replace"])
-def test_a_failed_write_loses_no_earlier_content(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str
-) -> None:
+def test_a_failed_write_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str) -> None:
     path = tmp_path / "photo.png"
     path.write_bytes(b"somebody's")
 
