@@ -80,7 +80,7 @@ def fill(plant: Plant, profile: FrictionProfile, state: State, inputs: Inputs, h
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
-    """The states before and after each of n steps of h seconds."""
+    """Return the states before and after each of n steps of h seconds."""
     rows = np.empty((n + 1, len(COLUMNS)))
     fill(plant, LAW, state, inputs, h, rows)
     return rows
@@ -119,7 +119,7 @@ def inputs(vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, 
 
 
 def at_rest(vehicle: Vehicle, angle_deg: float, latched: bool = False) -> State:
-    """The gate at rest at an angle, drives in the middle of their play."""
+    """The gate at rest at an angle [rad], drives in the middle of their play."""
     angle = last_bits.off(math.radians(angle_deg), "angle")
     return initial_state(plant_of(vehicle), angle, latched)
 
