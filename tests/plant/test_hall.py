@@ -274,7 +274,7 @@ def test_a_shaft_that_turns_back_within_a_tick_passes_its_edges_twice() -> None:
 
 @pytest.mark.parametrize("way", [0.0, 1e-3, -1e-3])
 def test_a_shaft_that_stops_abruptly_passes_no_edge_twice(way: float) -> None:
-    """A jammed spindle: positions and speeds of both readings fit no path without a turn, and it made none."""
+    """A jammed spindle: both readings fit only a path with a reversal, which did not occur."""
     encoder = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
     for place in np.linspace(3.0, 4.0, 210):
         before, now = MotorShaft(float(place), 150.0), MotorShaft(float(place) + way, 0.0)

@@ -61,7 +61,7 @@ FORCE = 2.0 * math.pi * TORQUE / 0.010
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
 def test_a_stalled_drive_keeps_turning_through_its_clutch(step):
-    """In the open stop the force is the clutch's, the motors go on, and the count loses the gate."""
+    """In the open stop the force is the clutch's, the motors keep turning, and the count drifts from the gate."""
     vehicle = suv(f"clutch.torque={TORQUE}")
     plant = plant_of(vehicle)
     rows = fast_run(plant, at_rest(vehicle, 70.0), inputs(vehicle, OPEN), step, round(3.0 / step))

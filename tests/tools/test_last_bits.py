@@ -22,7 +22,7 @@ CANARIES = "tests/tools/last_bits_canary.py"
 # A few seconds of what stands nearest to a change of regime, to a solver's tolerance, to a bound.
 SOME = (
     "tests/reference/test_event_solution.py::test_the_latch_catches_a_gate_at_home_and_lets_go_when_released",
-    "tests/reference/test_event_solution.py::test_coast_current_reaches_exactly_zero",
+    "tests/reference/test_event_solution.py::test_a_coasting_current_reaches_exactly_zero",
     "tests/reference/test_pendulum.py",
     "tests/plant/test_options.py",
     "tests/hil/identification/test_descent.py",
