@@ -80,9 +80,7 @@ ECU = ["ecu", "--bus", "virtual:{bus}"]
     ],
     ids=["demo", "demo-imports", "lockstep", "realtime", "ecu", "ecu-imports"],
 )
-def test_a_run_whose_python_ecu_hangs_is_stopped(
-    tmp_path: Path, arguments: list[str], how: str, number: int
-) -> None:
+def test_a_run_with_a_hung_ecu_can_be_stopped(tmp_path: Path, arguments: list[str], how: str, number: int) -> None:
     (tmp_path / "theirs.py").write_text(f"HOW = {how!r}\n" + HANGS)
     given = [each.format(bus=uuid.uuid4()) for each in arguments]
     code, error = stopped_when_it_hangs(tmp_path, number, *given, "--ecu", "theirs:Ecu")
@@ -94,7 +92,7 @@ def test_a_run_whose_python_ecu_hangs_is_stopped(
 
 @needs_compiler
 @pytest.mark.parametrize(("command", "number"), [("demo", signal.SIGINT), ("ecu", signal.SIGTERM)])
-def test_a_run_whose_ecu_library_hangs_is_stopped(tmp_path: Path, command: str, number: int) -> None:
+def test_a_run_with_a_hung_ecu_library_can_be_stopped(tmp_path: Path, command: str, number: int) -> None:
     step = 'if (now_ns > 20000000) { (void)!write(2, "it hangs\\n", 9); for (;;) pause(); }'
     library = str(build(tmp_path, source_of(step=step)))
     flags = ["--bus", f"virtual:{uuid.uuid4()}"] if command == "ecu" else ["--no-record"]
