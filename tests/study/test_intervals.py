@@ -1,4 +1,4 @@
-"""Do the intervals of an identification cover the truth? Many seeds, and each way to measure each way to begin.
+"""Coverage of the truth by intervals of identifications: many seeds, all kinds of data and initial states.
 
 The suite has a few of each (`tests/hil/identification`).
 """
@@ -66,7 +66,7 @@ def test_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
 
 @pytest.mark.parametrize("quantum", [0.0, QUANTUM])
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
-def test_thinned_data_lead_to_the_truth(rate: float | None, factor: int, quantum: float) -> None:
+def test_estimates_from_thinned_data_agree_with_the_truth(rate: float | None, factor: int, quantum: float) -> None:
     z = many_seeds.of_thinned_data(rate, factor, quantum, seeds(4))
     assert np.max(np.abs(z)) < 3.0
 
