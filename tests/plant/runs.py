@@ -113,7 +113,7 @@ def load(vehicle: Vehicle, **changes: Any) -> Load:
 
 
 def inputs(vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any) -> Inputs:
-    """Inputs with the latch released; the right drive does as the left where it isn't given."""
+    """Inputs with the latch released; the right drive gets the left one's input if none is given."""
     drives = (last_bits.off(each, "command") for each in (left, left if right is None else right))
     return Inputs(*drives, load(vehicle, **changes))
 
@@ -134,7 +134,7 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
 
 
 def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> Inputs:
-    """A phase of the event solution as inputs of the plant, of the first of its steps."""
+    """Inputs of the plant for the first step of a phase of the event solution."""
     changes: dict[str, Any] = {
         "external_torque": phase.external_torque,
         "wind_pressure": phase.wind_pressure,

@@ -255,7 +255,7 @@ def test_the_bending_of_a_pulled_hook_solves_its_differential_equation(stiff: bo
 
 
 def test_a_returning_hook_lets_the_gate_follow_at_its_speed():
-    """A command that ends half way: what the hook is damped with is the striker's rate less its own."""
+    """A command that ends half way: the hook is damped by the striker's rate less its own."""
     claw, state = (CLAW._replace(cinch=float(COMMANDED), damping=3e3), HALF_CLOSED._replace(pull=0.004))
     resting = hook_force(claw, state, 0.0042, 0.0, 1.0)
     assert resting == pytest.approx(2e6 * 2e-4 + 3e3 * (0.012 - 20.0 * 2e-4))

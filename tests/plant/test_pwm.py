@@ -33,7 +33,7 @@ class Switched(NamedTuple):
 
 
 def switched(mode: str, duty: float, frequency: float, emf: float, supply: float = U) -> Switched:
-    """Small steps of L di/dt = u − R i − e with ideal transistors, and diodes that let nothing back."""
+    """Simulate L di/dt = u − R i − e in small steps, with ideal transistors and diodes that block."""
     period = 1.0 / frequency
     count = 4_000  # steps in a period
     h = period / count

@@ -228,7 +228,7 @@ def load_by_name(load: Load) -> dict[str, float]:
 
 
 @BOTH
-def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
+def test_every_surroundings_column_reaches_the_field_of_its_name(which: str) -> None:
     numbers = count(1.5)
     base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
     call = called(overlaid, which)
@@ -270,7 +270,7 @@ def test_a_specified_supply_voltage_ignores_the_rise_of_the_default(which: str) 
 
 
 @BOTH
-def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> None:
+def test_every_offline_input_column_reaches_the_field_of_its_name(which: str) -> None:
     numbers = count(1.5)
     base = distinct(Load, numbers)
     row = np.array([next(numbers) for _ in INPUT_COLUMNS])

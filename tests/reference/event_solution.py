@@ -58,7 +58,7 @@ class DriveInput:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Compliant body met at `angle` [rad], `distance` [m] from the hinge, after `gap` [m]."""
+    """Compliant obstacle hit at `angle` [rad], `distance` [m] from the hinge, after `gap` [m]."""
 
     angle: float
     distance: float
@@ -126,7 +126,7 @@ class Link(NamedTuple):
 
 
 class View(NamedTuple):
-    """A time and the state then, with its kinematics: in the gate's middle, on its left and on its right."""
+    """Time and state, with their kinematics in the gate's middle, on its left and on its right."""
 
     time: float
     state: Sequence[float]
@@ -576,7 +576,7 @@ class StimulusPlan:
         return rates + self._twist_rates(v)
 
     def slope(self, time: float, y: np.ndarray) -> list[float]:
-        """The right-hand side in the form that solve_ivp wants."""
+        """Right-hand side of the differential equation in the form that solve_ivp needs."""
         return self.derivative(time, y.tolist())
 
     def jacobian(self, time: float, y: np.ndarray) -> np.ndarray:
@@ -690,7 +690,7 @@ def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _phases_off(phases: Sequence[Phase]) -> list[Phase]:
-    """Phases with other last bits, where the suite's switch says so; their ends, and what is alike, stay so."""
+    """Phases with disturbed last bits if the suite's switch is on; end times and equal values stay equal."""
     return [
         replace(
             last_bits.off(each, "phase"),

@@ -133,7 +133,7 @@ class _Run:
         return current, sums
 
     def terminal(self, current: np.ndarray, share: np.ndarray) -> float:
-        """U [V] with these currents and shares."""
+        """Terminal voltage U [V] with these currents and shares s."""
         return float(self.source - self.shared * share @ current)
 
     def window(self, k: int, terminal: float) -> tuple[float, float]:

@@ -289,7 +289,7 @@ def test_the_latch_catches_a_gate_at_home_and_lets_go_when_released(suv: dict[st
 
 
 def test_the_temperature_of_a_winding_has_its_closed_form(suv: dict[str, Any]) -> None:
-    """A blocked rotor, copper that does not care, a housing that hardly warms up."""
+    """A blocked rotor, copper without temperature dependence, a housing that hardly warms up."""
     suv["spindle"]["friction_force"] = 1e6
     suv["thermal"] = {"enabled": 1.0, "copper_coefficient": 0.0, "housing_capacity": 1e6}
     times = np.linspace(0.0, 5.0, 51)
@@ -318,7 +318,7 @@ def test_a_shaft_breaks_away_above_static_friction_and_keeps_sliding_below_it(su
 
 
 def test_friction_depends_on_speed_load_temperature_and_position(suv: dict[str, Any]) -> None:
-    """What a steady motion takes, on the shaft."""
+    """The motor torque of a steady motion, at the shaft."""
     suv["friction"] = {
         "static_ratio": 1.4, "stribeck_speed": 40.0, "viscous": 2e-5, "temperature_coefficient": 0.01,
         "position_table": [[0.0, 1.0], [1.0, 2.0]],

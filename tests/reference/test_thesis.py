@@ -180,7 +180,7 @@ def acceleration(vehicle: Vehicle, state: State, slope: float) -> float:
 @ANGLES
 @pytest.mark.parametrize("slope_deg", [0.0, 8.0])
 def test_the_gates_acceleration_agrees_with_the_sum_of_all_torques(angle_deg: float, slope_deg: float) -> None:
-    """As it is shown, and as a step of 10 ns does it."""
+    """Both the displayed acceleration and that of a step of 10 ns."""
     vehicle = lifted(*WITHOUT_LOSS)
     plant, state = plant_of(vehicle), in_motion(vehicle, angle_deg)
     slope = math.radians(slope_deg)

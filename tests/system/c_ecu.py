@@ -62,7 +62,7 @@ class Frame(NamedTuple):
 
 
 class LiftgateFrame(ctypes.Structure):
-    """`struct liftgate_frame`."""
+    """ctypes structure of `struct liftgate_frame`."""
 
     _fields_ = (
         ("id", ctypes.c_uint32),
@@ -118,7 +118,7 @@ def _c_frame(frame: Frame) -> LiftgateFrame:
 
 @contextlib.contextmanager
 def serial_line() -> Iterator[tuple[str, str]]:
-    """The names of two terminals; what is written to one is read from the other."""
+    """Names of two terminals; what is written to one is read from the other."""
     masters, slaves = zip(*(os.openpty() for _ in range(2)), strict=True)
     for slave in slaves:
         tty.setraw(slave)

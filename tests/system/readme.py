@@ -159,7 +159,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def _raw_blocks(page: Path) -> Iterator[tuple[str, str]]:
-    """Each block's language, where a fence states it, and its text."""
+    """Language (where a fence states it) and text of each block."""
     lines = page.read_text(encoding="utf-8").splitlines()
     kept: list[str] = []
     at = 0
@@ -235,7 +235,7 @@ def asked_for() -> frozenset[str]:
 
 
 def _texts_of_calls(tree: ast.AST) -> Iterator[str]:
-    """Each text that is the argument of a call of `command`."""
+    """Texts passed as arguments to calls of `command`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("command", "readme.command"):
             for each in node.args:
@@ -267,9 +267,9 @@ _PLUGINS = ("anyio", "hypothesispytest", "pytest_cov")
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Of a user whose home is the folder, whose environment is activated and has no further plugins of pytest, and
-    who compiles C without optimization, which takes a third of the time; tests/hil/cli/test_init.py makes the ECU
-    with the flags of its Makefile.
+    """Environment of a user with this home folder, the virtual environment activated, no further plugins of
+    pytest, and C compiled without optimization, which takes a third of the time; tests/hil/cli/test_init.py builds
+    the ECU with the flags of its Makefile.
     """
     return {
         **os.environ,
@@ -327,8 +327,8 @@ def is_called(line: str) -> bool:
 
 
 def called(function: Callable[[], int], folder: Path) -> tuple[int, str, str]:
-    """What a function returns, prints and complains of that runs in this process as a program in the folder would:
-    with its environment, its own modules, and stdout and stderr that the processes that it starts inherit.
+    """Run a function in this process as a program in the folder: with its environment and its own modules, and
+    stdout and stderr inherited by child processes. Return its exit code, output and error output.
     """
     modules, path = set(sys.modules), [*sys.path]
     importlib.invalidate_caches()

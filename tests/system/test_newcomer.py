@@ -282,7 +282,7 @@ def test_a_rig_for_the_users_database_runs(folder: Path, bus: dict[str, str], pr
 
 
 @pytest.mark.realtime
-def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+def test_the_manuals_commands_for_a_serial_line_run(folder: Path, ports: dict[str, str]) -> None:
     """Three runs in real time, each a process that begins with its imports, and the ECU's process of the demo."""
     run(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, SHORT)
     demo = command("liftgate-hil demo --serial")
@@ -301,7 +301,7 @@ def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
 
 @needs_compiler
 @pytest.mark.realtime
-def test_the_ecu_in_c_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+def test_the_manuals_ecu_in_c_runs_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
     run(command("make -C tools/ecu"), folder)
     gate = start(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, "--overrun-limit 60")
     ecu = start(command("tools/ecu/build/ecu-serial"), folder, ports, str(readme.PATIENCE))

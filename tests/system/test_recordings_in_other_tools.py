@@ -86,7 +86,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
     return found
 
 
-def test_mcap_s_reader_reads_every_frame(run: Path, frames: list[Frame]) -> None:
+def test_the_mcap_library_reads_every_frame(run: Path, frames: list[Frame]) -> None:
     found = [
         (time / 1e9, each["id"], each["direction"] == "Tx", bytes.fromhex(each["data"]))
         for time, each in messages(run / "run.mcap")["/can"]
@@ -94,7 +94,7 @@ def test_mcap_s_reader_reads_every_frame(run: Path, frames: list[Frame]) -> None
     assert found == frames
 
 
-def test_mcap_s_reader_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> None:
+def test_the_mcap_library_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> None:
     told = messages(run / "run.mcap")
     seen = set()
     for topic, prefix in (("/truth", ""), ("/sensed", "sensed_"), ("/bench", "")):

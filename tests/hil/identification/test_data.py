@@ -53,7 +53,7 @@ def test_rest_and_motion_are_distinguished_whatever_the_noise(
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), phase=st.floats(0.0, 1.0))
-def test_rest_and_motion_are_distinguished_from_counts(seed: int, phase: float) -> None:
+def test_rest_and_motion_are_distinguished_in_hall_counts(seed: int, phase: float) -> None:
     drive = opening(0.2, 2.0, 1000.0)
     data = counted(measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive))
     assert begins_at_rest(data)

@@ -67,7 +67,7 @@ def test_an_input_delay_is_applied_to_thinned_data_too() -> None:
 
 @pytest.mark.parametrize("factor", [5, 20])
 def test_samples_after_the_delayed_inputs_end_are_left_out(factor: int) -> None:
-    """With inputs 50 ms late those of the last 50 ms are not among the data."""
+    """With inputs delayed by 50 ms, the samples of the last 50 ms are left out."""
     data = opening(None)
     volts = np.where(data.times > data.times[-1] - 0.04, -6.0, data.inputs[:, 0])
     both = data.inputs.copy()
@@ -100,7 +100,7 @@ def test_a_part_of_the_data_has_the_inputs_in_force_during_it() -> None:
     assert np.allclose(part.thinned("any", part.rows), part.times, atol=1e-12)
 
 
-def test_a_search_from_far_away_goes_over_pieces_of_thinned_data() -> None:
+def test_a_search_from_a_distant_start_uses_pieces_of_thinned_data() -> None:
     few = thinned(opening(3), None, 20, QUANTUM)
     far = true_vehicle({"motor.resistance": 2.5, "motor.torque_constant": 0.02})
     given = Problem(far, "full", sought(list(THINNED_TRUTH), far), [few], list(few.outputs), 0.0)

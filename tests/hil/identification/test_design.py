@@ -161,7 +161,7 @@ def test_the_expected_information_of_positions_matches_that_of_counts(rate: floa
 
 
 def test_each_bit_of_a_planned_prbs_begins_with_its_row():
-    """The quotient of 0.3 s and 0.05 s is less than 6."""
+    """In floating point, 0.3 s divided by 0.05 s is less than 6."""
     (found,) = [each for each in candidates(suv(), 4.0, 1000.0) if each.name == "PRBS of 50 ms, opening"]
     changes = np.flatnonzero(np.diff(found.voltage)) + 1
     assert len(changes) > 20

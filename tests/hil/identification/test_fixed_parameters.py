@@ -93,7 +93,7 @@ def test_with_white_residuals_no_fixed_parameter_is_called_wrong() -> None:
 def test_an_estimate_that_depends_strongly_on_a_fixed_parameter_is_warned_of_and_listed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The load torque acts by (1 - efficiency) of it: other friction is a hundred times as large."""
+    """Only (1 - efficiency) of the load torque acts; other friction is a hundred times as large."""
     vehicle = true_vehicle()
     result = found(vehicle, vehicle, ["motor.resistance", "motor.load_torque"], there_and_back())
     listed = [(each.estimate.name, each.fixed.name) for each in dependences(result)]

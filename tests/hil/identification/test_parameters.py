@@ -87,7 +87,7 @@ def test_a_parameter_with_a_side_changes_one_drive_and_without_a_side_both() -> 
     assert same_on_both_sides(three, both)
 
 
-def test_a_points_coordinates_are_parameters_of_their_own() -> None:
+def test_each_coordinate_of_a_point_is_a_separate_parameter() -> None:
     vehicle = suv()
     changed = with_value(vehicle, find_parameter(vehicle, "gate.gravity_point[1]"), -0.5)
     assert changed.gate.gravity_point == (0.30, -0.5)
@@ -108,13 +108,13 @@ def test_a_points_coordinates_are_parameters_of_their_own() -> None:
         ("drives", "motor.resistance"),
     ],
 )
-def test_an_unknown_name_is_refused_with_what_is_allowed(name: str, allowed: str) -> None:
+def test_an_unknown_parameter_name_is_refused_with_the_allowed_ones(name: str, allowed: str) -> None:
     with pytest.raises(ValueError) as failure:
         find_parameter(suv(), name)
     assert "allowed: " in str(failure.value)
     assert allowed in str(failure.value)
 
 
-def test_a_gate_of_one_drive_has_no_sides() -> None:
+def test_parameters_of_a_gate_with_one_drive_have_no_sides() -> None:
     with pytest.raises(ValueError, match=r"allowed: motor\.resistance"):
         find_parameter(vehicle_from("compact"), "right.motor.resistance")

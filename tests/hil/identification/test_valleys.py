@@ -12,7 +12,7 @@ from tests.hil.identification.simulated import estimated, measured, scores, true
 
 
 def test_the_deepest_of_many_minima_in_a_valley_is_found_and_the_valley_reported() -> None:
-    """The nearest minimum is 13 standard deviations away from the truth, as sure of itself as the deepest one."""
+    """The nearest minimum is 13 standard deviations from the truth, with as small a deviation as the deepest."""
     factors = {
         "motor.resistance": 0.75,
         "motor.speed_constant": 0.9,

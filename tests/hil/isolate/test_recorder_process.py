@@ -85,7 +85,7 @@ def recorder(
 
 
 def test_frames_are_written_in_order_of_time_even_if_logged_late(memory: Memory) -> None:
-    """A tick logs what it sent; what came meanwhile, with an earlier stamp, is logged by the next one."""
+    """A tick logs its sent frames; frames received meanwhile, with earlier times, are logged by the next tick."""
     notes = Notes()
     writer = RingRecorder(memory, Content(()))
     writer.write_to([notes])
@@ -108,7 +108,7 @@ def test_frames_are_written_in_order_of_time_even_if_logged_late(memory: Memory)
 
 
 def test_rows_after_a_read_position_are_written_by_the_next_read(memory: Memory) -> None:
-    """Where to end is told a moment after it was found: till then nothing behind it may be written."""
+    """The end position is known a moment before it is reported: until then no row after it may be written."""
     notes = Notes()
     writer = RingRecorder(memory, Content(()))
     writer.write_to([notes])

@@ -72,7 +72,7 @@ def test_an_episode_gives_the_same_bits_compiled_and_in_plain_python(
         assert (fast.minima["latched"], fast.maxima["latched"]) == (0.0, 1.0)
 
 
-def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
+def test_a_python_ecu_acts_the_same_with_a_compiled_and_a_plain_python_loop(
     rig: Rig, log: tuple[Path, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def says(turn: int) -> list[can.Message]:

@@ -235,7 +235,7 @@ def test_a_run_goes_on_if_a_former_priority_above_the_limit_is_not_restored(monk
     assert thread.now == BESIDE
 
 
-def test_a_thread_that_is_refused_fifo_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch):
+def test_a_thread_that_is_refused_fifo_is_left_unchanged(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_BATCH, 0, monkeypatch)
     thread.limit = 0
     with Realtime().beside():

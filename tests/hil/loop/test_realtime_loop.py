@@ -320,7 +320,7 @@ def test_after_a_late_waking_the_plant_catches_up_whole_periods(
 
 
 def test_each_tick_of_a_catch_up_gets_the_frames_arrived_by_then(rehearse: Callable[..., Rehearsal], rig: Rig):
-    """The gate moves as it would have, had no tick been missed; a frame waits for its tick, not for the waking."""
+    """The gate moves as if no tick had been missed; a frame waits for its tick, not for the waking."""
     play = rehearse()
     play.late = {10: 30 * MS + 1}
 
@@ -511,7 +511,7 @@ def test_the_last_frames_are_retried_while_the_queue_is_full(rehearse: Callable[
     assert play.arrived() == [row for rows in play.sent for row in rows]
 
 
-def test_retries_of_the_last_frames_end(rehearse: Callable[..., Rehearsal]):
+def test_retries_of_the_last_frames_are_limited(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: tick == 10
     play.run(10)

@@ -24,7 +24,7 @@ def histogram_of(nanoseconds: list[int]) -> NDArray[np.int64]:
     return histogram
 
 
-def test_quantiles_are_within_a_bin():
+def test_quantiles_are_exact_to_within_a_histogram_bin():
     times = distribution(histogram_of([1000 * each for each in range(1, 10_001)]))
     assert times.count == 10_000
     for got, wanted in ((times.p50_us, 5000.0), (times.p99_us, 9900.0), (times.p999_us, 9990.0)):

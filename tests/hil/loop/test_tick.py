@@ -347,7 +347,7 @@ def sent_times(fast_tick: Tick, config: LoopConfig, ticks: int) -> tuple[Counter
 
 
 @pytest.mark.parametrize(("rate", "slack"), [(1000, 0), (10_000, 0), (300, 1), (250, 1), (1024, 1)])
-def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, slack: int):
+def test_messages_are_sent_in_their_cycle_times(rig: Rig, fast_tick: Tick, rate: int, slack: int):
     counts, times = sent_times(fast_tick, loop_config(float(rate), rig), rate)
     known = {LEFT_DRIVE: 5, RIGHT_DRIVE: 5, GATE: 10, SENSORS: 100, BENCH_STATUS: 100}
     assert cycles(rig).items() >= known.items()
@@ -360,7 +360,7 @@ def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, sl
     assert set(counts) == set(cycles(rig))
 
 
-def test_counters_and_checksums_of_what_is_sent_are_right(rig: Rig, fast_tick: Tick):
+def test_counters_and_checksums_of_sent_frames_are_correct(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 200)
     for name, identifier in (("LeftDrive", LEFT_DRIVE), ("RightDrive", RIGHT_DRIVE)):
         rows = [row for frames in replies for row in decoded(rig, frames, name)]
@@ -390,7 +390,7 @@ def test_sent_signals_agree_with_the_plant(rig: Rig, fast_tick: Tick):
     assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(truth.gate_angle_deg)
 
 
-def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
+def test_the_first_frames_report_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100)
     gate = decoded(rig, replies[9], "Gate")[0]
     assert gate == {"Angle": 0.0, "LatchState": 1, "TerminalVoltage": 12.0}

@@ -45,7 +45,7 @@ def read_or_told(name: str, content: bytes) -> None:
     st.lists(st.lists(CELLS, min_size=1, max_size=5), max_size=5),
     st.sampled_from([",", ";", "\t"]),
 )
-def test_any_table_is_read_or_refused_by_name(names: list[str], rows: list[list[str]], delimiter: str) -> None:
+def test_any_table_is_read_or_refused(names: list[str], rows: list[list[str]], delimiter: str) -> None:
     lines = [names, *rows]
     read_or_told("m.csv", "\n".join(delimiter.join(line) for line in lines).encode())
 
@@ -53,14 +53,14 @@ def test_any_table_is_read_or_refused_by_name(names: list[str], rows: list[list[
 @pytest.mark.parametrize("name", ["m.csv", "m.log", "m.asc", "m.blf", "m.trc"])
 @CALM
 @given(content=st.binary(max_size=300))
-def test_any_bytes_are_read_or_refused_by_name(name: str, content: bytes) -> None:
+def test_any_bytes_are_read_or_refused(name: str, content: bytes) -> None:
     read_or_told(name, content)
 
 
 @pytest.mark.parametrize("name", ["m.log", "m.asc", "m.trc"])
 @CALM
 @given(content=st.text(alphabet="0123456789ABCDEF #().canRdxT\n;", max_size=200))
-def test_any_text_is_read_or_refused_by_name(name: str, content: str) -> None:
+def test_any_text_is_read_or_refused(name: str, content: str) -> None:
     read_or_told(name, content.encode())
 
 

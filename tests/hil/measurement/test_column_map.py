@@ -76,7 +76,7 @@ def test_units_of_mapped_columns_are_converted(column: str, unit: str, theirs: f
 
 
 @pytest.mark.parametrize("column", KNOWN)
-def test_every_column_has_its_own_unit(column: str) -> None:
+def test_every_column_accepts_its_own_unit_and_refuses_unknown_ones(column: str) -> None:
     assert conversion(column, KNOWN[column].unit) == (1.0, 0.0)
     assert conversion(column, "") == conversion(column, column.rpartition("_")[2]) == (1.0, 0.0)
     assert conversion(column, "furlong") is None

@@ -107,7 +107,7 @@ def test_thinning_leaves_the_inputs_unchanged() -> None:
 
 @pytest.mark.parametrize(("rate", "factor"), [(None, 7), (300.0, 1), (500.0, 4), (3000.0, 5)])
 def test_measured_and_simulated_outputs_are_thinned_alike(rate: float | None, factor: int) -> None:
-    """A simulation that meets every sample there is meets every one that is left."""
+    """A simulation that fits every sample fits every remaining sample after thinning."""
     random = np.random.default_rng(4)
     times = np.cumsum(random.uniform(0.8, 1.2, 4000)) * STEP if rate else np.arange(4000) * STEP
     # Blocks and single ones without a sample, and a column on a slower raster.

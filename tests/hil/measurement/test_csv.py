@@ -75,7 +75,7 @@ def carefully(path: Path, names: list[str]) -> np.ndarray:
 
 
 def test_a_truncated_last_row_is_left_out(tmp_path: Path) -> None:
-    """As a full disk or a kill leaves it."""
+    """A full disk or a kill leaves such a row."""
     path = tmp_path / "cut.csv"
     path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3\n0.002,1")
     m = read(path)

@@ -46,7 +46,7 @@ def test_a_correct_measurement_has_no_issues() -> None:
         (3.0, "left_speed_rps is 3 x the slope of left_position_rev; allowed: 0.8 to 1.25"),
     ],
 )
-def test_a_speed_in_another_unit_is_found(factor: float, said: str) -> None:
+def test_a_speed_in_a_wrong_unit_is_reported(factor: float, said: str) -> None:
     sparse = np.where(np.arange(2000) % 5 == 0, POSITION, np.nan)
     m = measured(left_speed_rps=factor * SPEED, left_position_rev=sparse)
     assert check(m) == [f"m.csv: {said}"]
@@ -57,7 +57,7 @@ def test_a_speed_without_a_position_is_compared_with_the_count() -> None:
     assert check(m, SUV) == ["m.csv: left_speed_rps is 60 x the slope of left_hall_count / 4: is it 1/min?"]
 
 
-def test_a_count_with_another_sensors_resolution_is_found() -> None:
+def test_a_count_with_another_sensors_resolution_is_reported() -> None:
     m = measured(left_position_rev=POSITION, left_hall_count=np.floor(6.0 * POSITION))
     assert check(m, SUV) == [
         "m.csv: left_hall_count is 6 x left_position_rev; allowed: 4, the vehicle's sensors.hall_counts"
@@ -70,7 +70,7 @@ def test_speed_and_position_are_not_compared_at_rest() -> None:
     assert check(measured(left_speed_rps=60.0 * noise, left_position_rev=noise), SUV) == []
 
 
-def test_milliamperes_and_millivolts_are_found() -> None:
+def test_milliamperes_and_millivolts_are_reported_as_wrong_units() -> None:
     m = measured(left_current_a=200.0 + TIMES, left_voltage_v=np.full(2000, 900.0))
     assert check(m, SUV) == [
         "m.csv: left_current_a: 201.999 in row 2000: is it mA? allowed: up to 170 A with this vehicle",

@@ -252,7 +252,7 @@ def process_of(bench: Bench) -> int:
 
 
 def test_a_stalled_recorder_does_not_block_commands(bench: Bench) -> None:
-    """Its pipe takes no more marks at some time; then they are refused, and nobody waits."""
+    """Once the recorder's pipe is full, marks are refused without waiting."""
     bench.recording.start("x.mf4")
     until(bench.recording, RECORDING)
     os.kill(process_of(bench), signal.SIGSTOP)

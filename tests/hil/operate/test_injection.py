@@ -252,7 +252,7 @@ def test_injected_faults_act_like_planned_ones_in_order_of_injection(orders: lis
 
 
 def test_several_faults_of_one_message_act_in_order_of_injection(tmp_path: Path) -> None:
-    """What freezes holds what others got last; what is ordered later acts on that, in whichever slot it lies."""
+    """A freeze holds the frame last sent; faults ordered later act on that frame, in any slot."""
     checksum, frozen = fault("wrong_checksum", "LeftDrive"), fault("frame_frozen", "LeftDrive")
     orders = {0.2: [checksum], 0.3: [frozen], 0.4: [fault("wrong_checksum", "LeftDrive", on=0)], 0.5: [checksum]}
     _, lines = ran(tmp_path, orders, duration=0.6)

@@ -147,7 +147,7 @@ def test_each_kind_of_ecu_reset_is_requested_by_its_name(on_bus: Run, kind: str,
 
 
 def test_response_pending_is_waited_for(on_bus: Run) -> None:
-    """For longer than for an answer otherwise: 3 s."""
+    """For 3 s, longer than for another response."""
     ecu, result = on_bus(EXPECT, UDS, [(0, "7f1178"), (300, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]

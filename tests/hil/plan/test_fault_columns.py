@@ -69,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_recording_has_a_column_of_when_each_fault_was_in_force(folder: Path, name: str) -> None:
+def test_each_fault_has_a_column_that_shows_when_it_was_in_force(folder: Path, name: str) -> None:
     recording = open_recording(folder / name)
     assert list(recording.signals) == [*columns_of(2), *COLUMNS]
     rows = np.concatenate(list(recording.rows(["time_s", *COLUMNS])))
@@ -110,7 +110,7 @@ def test_springs_are_drawn_with_the_faults_recorded(folder: Path) -> None:
     assert RecordingSource(folder / "run.csv").state(0.2)["acting"]["spring_health"] == {}
 
 
-def test_injected_faults_share_one_column_of_being_in_force() -> None:
+def test_injected_faults_share_one_in_force_column() -> None:
     sheet, vehicle = Sheet(), lh.load_vehicle(find_config("vehicles", "suv"))
     own = [fault_of("motor_open", "left", {}), fault_of("supply_open", None, {})]
     faults = faults_of(constants_of(vehicle), [Injection((), Instant(0.0))] * 2, sheet, slots=3)

@@ -16,7 +16,7 @@ TIMES = np.arange(0.0, 10.0, 0.001)
 
 
 def rows(peak: float = 120.0, way: float = -1.0, back: float = 3.0) -> dict[str, np.ndarray]:
-    """Moves at 2 deg/s to 40 deg, touches at 4.5 s, turns at 5 s, moves back until `back` s later."""
+    """Rows of a gate that moves at 2 deg/s to 40 deg, touches at 4.5 s, turns at 5 s, then backs for `back` s."""
     rate = np.select([TIMES < 5.0, 5.0 + back > TIMES], [2.0 * way, -2.0 * way], 0.0)
     angle = 40.0 - 2.0 * way * abs(TIMES - 5.0)
     angle[5.0 + back <= TIMES] = 40.0 - 2.0 * way * back
@@ -65,7 +65,7 @@ def test_a_gate_that_keeps_pressing_did_not_reverse() -> None:
 
 
 def test_a_gate_whose_obstacle_is_removed_did_not_reverse() -> None:
-    """It bounces at the touch, presses on, and springs back when the rod is taken away."""
+    """The gate bounces at the touch, presses on, and springs back when the rod is taken away."""
     columns = rows()
     rate = np.select([TIMES < 4.6, TIMES < 4.65, TIMES < 5.2, TIMES < 5.5], [-2.0, 2.0, 0.0, 3.0])
     event = event_of({**columns, "gate_rate_degps": rate, "pinch_force_n": 100.0 * (abs(TIMES - 4.85) < 0.35)})
@@ -138,7 +138,7 @@ def test_the_pinch_figure_states_peak_limits_margin_and_reversal() -> None:
 
 
 def test_a_rod_is_drawn_from_when_the_closing_gate_can_hit_it() -> None:
-    """It is there from the start, but the gate opens past it first."""
+    """The rod is there from the start, but the gate opens past it first."""
     columns = rows()
     opening = TIMES < 2.0
     columns["gate_angle_deg"] = np.where(opening, 22.0 * TIMES, columns["gate_angle_deg"])

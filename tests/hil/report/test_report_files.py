@@ -95,7 +95,7 @@ def test_a_failed_write_loses_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_foreign_file_in_a_read_only_folder_is_not_overwritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of ours would be written to directly."""
+    """A report of this program would be overwritten in place."""
     real = os.open
 
     def refuse(path: object, flags: int, *more: int, **others: object) -> int:

@@ -160,7 +160,7 @@ def test_an_intermittent_freeze_holds_the_last_frame_before_each_onset() -> None
 
 
 def test_several_faults_of_a_message_act_in_the_order_of_the_file() -> None:
-    """In the order of the file: the one that freezes holds a checksum that is right, or one that is not."""
+    """A freeze before or after a checksum fault holds a correct or a wrong checksum."""
     for kinds, is_right in (
         (("wrong_checksum", "frame_frozen"), False),
         (("frame_frozen", "wrong_checksum"), False),

@@ -97,7 +97,7 @@ def rig_with(folder: Path, protection: str) -> Path:
 
 
 def test_wrong_protection_of_a_restbus_message_is_reported_with_the_file(tmp_path: Path) -> None:
-    """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
+    """The message has no mapped signal, so that only a scenario that sets its signal uses it."""
     rig = rig_with(tmp_path, 'checksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n')
     assert issues_of(recorded, tmp_path, SPEED + "value = 30\n", rig=rig) == [
         f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"

@@ -184,7 +184,7 @@ def test_a_time_0_after_the_end_is_refused(tmp_path: Path) -> None:
 def test_local_dates_of_a_table_are_read_in_the_given_time_zone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A log beside it, by the wall clock, is of the same moments in one zone only."""
+    """A wall-clock log beside the table covers the same times in one time zone only."""
     begin = 1_759_122_000  # 2025-09-29 13:00:00 in Shanghai, 05:00 UTC
     for zone in ("UTC", "Asia/Shanghai"):  # this computer's counts for nothing
         monkeypatch.setenv("TZ", zone)
@@ -325,7 +325,7 @@ def test_a_decoded_table_is_judged_like_its_log(tmp_path: Path, suffix: str) -> 
 
 
 def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> None:
-    """As those of two messages that are sent one after the other."""
+    """Such as rows of two messages sent one after the other."""
     times = [0.01 * k + part for k in range(100) for part in (0.0, 0.0005)]
     own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
     assert lh.judge([ramp(tmp_path / "m.csv", times)], own)["a"].verdict == "pass"
@@ -334,7 +334,7 @@ def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> No
 
 
 def test_a_log_without_frames_is_refused_with_its_contents(tmp_path: Path) -> None:
-    """An ASC file under another ending, of which no line is understood."""
+    """An ASC file with another suffix, none of whose lines can be parsed."""
     (tmp_path / "m.log").write_text(
         "date Sun Jun 15 14:00:00 2025\nbase hex timestamps absolute\n0.1 1 123 Rx d 1 00\n"
     )

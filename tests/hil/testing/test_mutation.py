@@ -211,7 +211,7 @@ def test_stopped_mutant_runs_are_an_error_in_every_report(
 def test_an_expectation_that_kills_none_is_found_where_requests_wait_for_the_gate(
     tmp_path: Path, few: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without an ECU it never moves, and the request that waits for that never comes."""
+    """Without an ECU the gate never moves, and a request that waits for its motion never occurs."""
     file, told = str(tmp_path / "s.toml"), str(tmp_path / "v.json")
     Path(file).write_text(STOPS.replace("time = 1.5", 'time = "gate_angle_deg > 45"'))
     main(["test", file, "--mutants", "--json", told])

@@ -130,7 +130,7 @@ def test_expectations_that_pass_after_an_incomplete_precondition_are_inconclusiv
 
 
 def test_an_incomplete_precondition_is_seen_in_a_recording(tmp_path: Path) -> None:
-    """No condition names the gate's angle, which tells it."""
+    """Though no condition uses the gate's angle, which shows it."""
     expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")

@@ -76,7 +76,8 @@ SCENARIO += "".join(
 
 def late_run(seed: int) -> tuple[Any, Any]:
     """Rows and frames of a slightly late bench as the real-time loop passes them on, received frames after those
-    sent meanwhile."""
+    sent meanwhile.
+    """
     draw = np.random.default_rng(seed)
     rows = np.zeros((601, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = np.arange(1, 602) * 1e-3

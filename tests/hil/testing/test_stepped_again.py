@@ -141,7 +141,7 @@ def test_a_late_ecu_on_a_punctual_bench_is_judged(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["frame_lost", "wrong_checksum", "frame_delayed"])
 def test_recorded_command_faults_do_not_act_twice(tmp_path: Path, kind: str) -> None:
-    """What it got is in the recording: such a fault must not act again."""
+    """The recording has the commands as received, with the fault already applied."""
     own = {"frame_lost": "probability = 0.3", "frame_delayed": "delay_s = 0.02"}.get(kind, "")
     fault = f'[[fault]]\nkind = "{kind}"\nwhere = "DriveCommand"\ndirection = "received"\n{own}\n'
     path = scenario(tmp_path, 300.0, fault)
@@ -175,7 +175,7 @@ def test_a_gap_in_the_recorded_angle_prevents_a_confirmation(
 def test_a_delayed_run_is_decided_by_stepping_its_gate_again_or_is_inconclusive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, delay_ms: int
 ) -> None:
-    """The thread that gives the ECU its turns is held up once, in the middle of the closing."""
+    """The thread that calls the ECU is delayed once, in the middle of the closing."""
     from liftgate_hil.loop import realtime_run
 
     ours, held = realtime_run._Turns.give, []
@@ -265,7 +265,7 @@ def test_a_gate_stepped_again_receives_the_rigs_frames_in_order_of_arrival(rig: 
 def test_messages_between_other_nodes_are_replayed_if_an_expectation_uses_them(
     run: tuple[Path, list[Path], float], tmp_path: Path
 ) -> None:
-    """As an ECU's own status, which no gate reads; what the gate sends it sends anew."""
+    """Such as an ECU's own status, which the gate does not read; the gate's own frames are sent anew."""
     _, files, peak = run
     log = tmp_path / "run.log"
     lines = files[1].read_text().splitlines()

@@ -70,7 +70,7 @@ def test_an_experiment_with_no_or_one_sample_is_drawn(draw):
         assert png(draw(experiment), 40)
 
 
-def test_strange_estimates_are_drawn(found):
+def test_estimates_with_infinite_nan_and_negative_values_are_drawn(found):
     strange = replace(
         found,
         history=np.array([np.inf, -1.0, np.nan]),
@@ -108,7 +108,7 @@ def test_svg_tick_labels_keep_their_digits_when_paths_are_rounded(found):
 @given(
     arrays(np.float64, st.integers(0, 300), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.integers(4, 60)
 )
-def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
+def test_thinned_curves_keep_their_peaks_within_the_limit_of_points(values, limit):
     times = np.arange(len(values), dtype=np.float64)
     few_times, few = thin(times, values, limit)
     assert len(few) == len(few_times) <= max(limit, 0)
@@ -119,7 +119,7 @@ def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
         assert np.nanmin(few) == known.min()
 
 
-def test_a_wild_initial_model_does_not_crush_the_measurement():
+def test_a_diverging_initial_model_does_not_flatten_the_drawn_measurement():
     low, high = limits(np.array([0.0, 1.0]), np.array([-1e6, 1e6]))
     assert -1.5 < low < -0.9
     assert 1.9 < high < 2.5

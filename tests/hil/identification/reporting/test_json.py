@@ -73,7 +73,7 @@ def test_a_validation_pools_errors_by_samples(judged):
     }  # fmt: skip
 
 
-def test_hostile_names_stay_json(hostile):
+def test_hostile_names_give_valid_json(hostile):
     assert strict(hostile.to_dict())["vehicle"] == hostile.vehicle
 
 

@@ -57,7 +57,7 @@ def test_a_report_page_has_every_figure(pages):
     assert Page(pages["found"]).tags.count("svg") == 10
 
 
-def test_a_page_of_long_measurements_stays_small():
+def test_a_report_page_of_long_measurements_stays_small():
     found = report_support.identification(10_000, names=("a.csv",), columns=("left_current_a",))
     assert len(identification_html(found).encode()) < 300_000
 
@@ -125,14 +125,14 @@ def test_the_text_report_has_every_requested_section(found):
         assert part in text, part
 
 
-def test_a_validation_shows_fit_and_phases(judged):
+def test_a_validation_report_shows_fit_and_phases(judged):
     text = validation_text(judged)
     assert "->" not in text
     for part in ("fit %", "running", "99.67", "667", "decimated", "close.csv"):
         assert part in text, part
 
 
-def test_hostile_names_do_not_reach_the_terminal(hostile):
+def test_control_characters_in_names_do_not_reach_the_terminal(hostile):
     text = identification_text(hostile)
     assert text.isascii() or text.encode("utf-8")
     assert all(each.isprintable() or each == "\n" for each in text)

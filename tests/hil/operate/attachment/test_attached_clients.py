@@ -35,7 +35,7 @@ GONE = 2**22 + 1  # an id that no process can have: PID_MAX_LIMIT of linux/threa
 
 
 class Nobody:
-    """See Target."""
+    """Target of commands (see Target) that ignores them."""
 
     def hold(self, values: Any) -> None:
         pass
@@ -299,7 +299,7 @@ def test_a_stale_socket_is_not_taken_for_a_run(folder: Path) -> None:
 def test_attaching_to_a_run_that_does_not_answer_searches_no_others(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A page looks for the next run several times a second, among all that killed runs have left."""
+    """A page looks for the next run several times a second, past all sockets left by killed runs."""
 
     def looked() -> list[int]:
         raise AssertionError("other runs are looked at")
