@@ -256,7 +256,7 @@ def test_the_end_of_a_run_shows_peak_limit_and_each_message_once(browser: Any, t
 def test_the_page_of_an_ended_run_shows_a_recording_served_next_at_its_address(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As of a demo that is repeated on the free clock: at the same address, with the same token."""
+    """Such as a demo repeated on the free clock: same address, same token."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
     with bench_with_page(tmp_path, "own", *ECU) as client:
         opened(browser, client.address)

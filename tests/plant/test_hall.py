@@ -147,7 +147,7 @@ def test_no_count_is_lost_in_any_motion_of_the_shaft(start: float, ways: list[fl
 @CALM
 @given(st.floats(-100.0, 100.0), st.lists(st.floats(-0.249, 0.249), min_size=1, max_size=200))
 def test_an_ecu_that_samples_the_levels_decodes_the_count(start: float, ways: list[float]) -> None:
-    """As long as no more than one edge comes a tick, an ECU that samples A and B counts the same."""
+    """Holds as long as no more than one edge comes per tick."""
     positions = np.cumsum([start, *ways]).tolist()
     states = walked(encoder(), positions)
     ours = [state.count - states[0].count for state in states]

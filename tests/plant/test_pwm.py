@@ -194,7 +194,7 @@ def test_the_slopes_of_the_mean_current_are_its_derivatives(mode: str, duty: flo
 
 
 def test_energy_is_conserved_over_a_pwm_period():
-    """What the source gives less what diodes and winding lose turns the motor."""
+    """The source's energy less the losses of diodes and winding drives the motor."""
     for mode in (1.0, 2.0):
         for emf in (1.0, 4.0, 7.0, 11.0):
             chopper = Chopper(mode, 1e-4, 0.0, R, L)

@@ -98,7 +98,7 @@ IDEAL = Sensors(acceleration_distance=0.7)
 
 @BOTH
 def test_every_sensed_field_has_the_plants_value_of_its_name(which: str) -> None:
-    """Without errors of the sensors; the Hall decoders have missed what the count shows that they began with."""
+    """Sensors without errors; the Hall decoders have missed the edges before the initial count."""
     numbers = count(1.5)
     plant = plant_of(suv())
     state, inputs = distinct(State, numbers), distinct(Inputs, numbers)

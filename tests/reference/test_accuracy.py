@@ -310,7 +310,7 @@ DAMPINGS = ("4e3", "0", "1e9")  # N s/m
 @pytest.mark.parametrize("step", [1e-3, 5e-3])
 @pytest.mark.parametrize("part", STIFF)
 def test_an_absurdly_stiff_plant_stays_bounded(part: str, step: float) -> None:
-    """1e9 N/m: nothing resolves that contact in such a step, but nothing may blow up either."""
+    """1e9 N/m: no such step resolves that contact, but no value may diverge either."""
     phases = [both(1.6, OPENING), both(1.8, BRAKING), both(3.4, CLOSING)]
     for value in DAMPINGS:
         damping = [f"mechanism.damping={value}", f"spring.stop_damping={value}"]

@@ -150,7 +150,7 @@ def test_a_coasting_motor_conducts_only_if_its_emf_exceeds_the_supply(suv: dict[
 
 
 def test_an_open_gate_left_alone_stays(suv: dict[str, Any]) -> None:
-    """It sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
+    """The gate sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
     times = np.linspace(0.0, 3.0, 121)
     s = solve(suv, [both(3.0, COAST)], times, initial_angle=math.radians(40))
     assert np.all(s.left_speed == 0.0)
@@ -202,7 +202,7 @@ def test_energy_is_conserved_without_losses(suv: dict[str, Any]) -> None:
 
 
 def test_forces_of_play_and_obstacle_obey_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
-    """The located regime must give what max() and min() of the play and the obstacle say."""
+    """Forces in the located regime equal those by max() and min() of the laws of play and obstacle."""
     suv["right"] = {"gear": {"friction_torque": 0.9, "backlash": 0.03}}
     rod = Obstacle(math.radians(30), 0.9, 2.0e4, damping=50.0, gap=0.002)
     times = np.linspace(0.0, 2.5, 5001)

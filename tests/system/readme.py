@@ -1,5 +1,5 @@
-"""The commands and blocks of README.md, of the pages in docs, and of what `init` prints, as they stand there, and
-where they can be tried.
+"""Commands and blocks of README.md, of the pages in docs, and of the output of `init`, and ways to test them
+unchanged.
 
 A plain `liftgate-hil` command is a call in this process, which spares its start; all others are processes.
 """
@@ -212,7 +212,7 @@ def commands_in(block: Block) -> list[tuple[str, int]]:
 
 
 def written_by(line: str) -> list[str]:
-    """Files and folders that a command is told to write."""
+    """Files and folders that a command's options name as output."""
     return [each for each in _WRITTEN.findall(line) if each != "-"]
 
 
@@ -320,7 +320,7 @@ def outcome(
 
 
 def is_called(line: str) -> bool:
-    """Whether a command is called in this process: one of ours without a shell that does not alter its process."""
+    """Whether a command can be called in this process: one of this project without a shell or lasting effect."""
     name, *words = line.split()
     needs_process = {"compile", "doctor", "ecu", "--realtime", "--serial", "--dashboard"}
     return name == "liftgate-hil" and not re.search(r"[|&;<>$`*?]", line) and not needs_process.intersection(words)

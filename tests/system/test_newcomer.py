@@ -1,4 +1,4 @@
-"""A newcomer's path: every command of README.md and docs is run, and what `init` prints, in a fresh folder.
+"""A newcomer's path: every command of README.md and docs, and those printed by `init`, run in a fresh folder.
 
 Pages are gone through by test_manual_blocks.py. Here are the commands that need company: what is not here (a bus,
 a serial port) is replaced by what is, in `places`; what would run for ever gets a --duration.
@@ -138,7 +138,7 @@ def test_the_commands_printed_by_init_run_unchanged(folder: Path) -> None:
 
 
 def test_doctor_gives_a_verdict(folder: Path) -> None:
-    """It waits 5 s for drivers to answer."""
+    """The doctor waits 5 s for drivers to answer."""
     out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
     assert "verdict" in out
 

@@ -122,7 +122,7 @@ def test_a_search_table_names_the_tests_where_another_algorithm_is_better() -> N
 
 
 def test_a_confidence_interval_is_that_of_clopper_and_pearson() -> None:
-    """Of 0 in n it ends at 1 - 0.025^(1/n)."""
+    """For 0 of n the interval ends at 1 - 0.025^(1/n)."""
     assert interval(0, 100) == (0.0, pytest.approx(1.0 - 0.025**0.01))
     low, high = interval(10, 1000)
     assert (low, high) == (pytest.approx(0.0048, abs=1e-4), pytest.approx(0.0183, abs=1e-4))

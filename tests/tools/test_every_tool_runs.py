@@ -104,7 +104,7 @@ def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
 def test_make_docs_writes_the_reference_pages_and_the_demo_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two pages: test_docs.py makes each."""
+    """Two pages only: test_docs.py generates each page."""
     monkeypatch.setattr(docs, "PAGES", {name: PAGES[name] for name in ("scenario.md", "signals.md")})
     monkeypatch.setattr(sys, "argv", ["tools.docs", "--output", str(tmp_path)])
     assert docs.main() == 0
@@ -113,7 +113,7 @@ def test_make_docs_writes_the_reference_pages_and_the_demo_figure(
 
 
 def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of small campaigns; the scheduler, the workers and what is measured are processes, which takes over 5 s."""
+    """Small campaigns; scheduler, workers and measured programs are processes, which takes over 5 s."""
     monkeypatch.setattr(scheduling_page, "VARIANTS", (10**3, 10**4))
     monkeypatch.setattr(scheduling_page, "WORKERS", (2, 100))
     monkeypatch.setattr(scheduling_page, "LARGEST", Case(10**4, 100))
@@ -244,7 +244,7 @@ def test_the_pack_in_real_time_runs_to_its_end(
 
 
 def test_the_tool_for_the_packs_page_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of one scenario and two of the mutants."""
+    """With one scenario and two of the mutants."""
     files = scenario_files.scenario_files(["pack"])
     chosen = [each for each in files if each.stem == "motor_short"]
     few = dict(list(mutation.MUTANTS.items())[:2])

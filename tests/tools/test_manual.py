@@ -47,7 +47,7 @@ def test_every_page_is_in_the_manual_and_every_link_resolves(manual: Path) -> No
 
 
 def test_flags_keys_and_columns_are_in_the_index_with_their_pages(manual: Path) -> None:
-    """As keys.toml in genindex.html: a term, and below it the places where it is explained."""
+    """Such as keys.toml in genindex.html: a term, and below it the pages that explain it."""
     text = re.sub(r"<[^>]+>", "", (manual / "html" / "genindex.html").read_text(encoding="utf-8"))
     for term, place in (
         ("--retry-inconclusive", "test, Command line"),

@@ -55,7 +55,7 @@ def test_each_variant_is_counted_once_and_each_second_is_attributed(deaths: floa
 
 @pytest.mark.parametrize("cost", [0.001, 0.01, 0.05, 0.2, 1.0])
 def test_throughput_saturates_at_the_scheduler_s_rate(cost: float) -> None:
-    """A server with a fixed time for each: its rate is the lesser of what the workers take and 1 / cost."""
+    """A server with a fixed time per variant: its rate is the lesser of the workers' rate and 1 / cost."""
     workers, size, batches = 20, 100, 4000
     figures = replace(NOTHING, scheduler_s=cost)
     found = simulate(Case(size * batches, workers, size=size), figures)
@@ -76,7 +76,7 @@ def test_efficiency_falls_with_the_client_s_cost() -> None:
 
 
 def test_a_workers_death_costs_its_batch_and_a_new_start() -> None:
-    """Of a batch of work W a death at rate λ is paid with (exp(λW) − 1)/λ − W on average."""
+    """For a batch of work W, deaths at rate λ cost (exp(λW) − 1)/λ − W on average."""
     rate, size = 100.0, 1000
     found = simulate(Case(size * 20_000, 10, size=size), replace(NOTHING, deaths=rate, seen_s=0.0))
     per_s, work = rate / 3600.0, size * VARIANT

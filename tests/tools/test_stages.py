@@ -78,7 +78,7 @@ def test_the_final_report_lists_the_stages_that_ran_and_failed(bench: Path, told
 
 
 def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where these failed; what is in no lane is not waited for."""
+    """Also where those failed; stages that are in no lane are not waited for."""
     run_stage, order = stages.run_stage, []
 
     def noted(stage: str, *others: Any) -> stages.Outcome:

@@ -1,6 +1,5 @@
-"""The link fails while the emulator runs, ten times each (`--link-cycles`): it is told and counted, the
-motors coast, and the feedback comes back by itself. Times are in ticks, of the recording, where they are judged
-closely.
+"""Link failures while the emulator runs, ten of each kind (`--link-cycles`): they are reported and counted, the
+motors coast, and the feedback recovers. Times judged closely are in ticks of the recording.
 """
 
 from __future__ import annotations
@@ -92,8 +91,8 @@ def feedback_within(seconds: float) -> bool:
 
 
 def check_shown(losses: list[int], story: Story) -> None:
-    """Each loss was told soon after the last command before it, but where the machine stood still. A tick that is
-    made up gets a command at its own time, some ticks after a loss that came with it may have been told.
+    """Assert that each loss was reported soon after the last command before it, unless the machine stood still. A
+    tick caught up gets a command at its own time, some ticks after a loss reported with it.
     """
     before = [[tick for tick in story.accepted if tick <= told + AFTER] for told in losses]
     lags = sorted(told - max(ticks, default=-math.inf) for told, ticks in zip(losses, before, strict=True))
@@ -164,7 +163,7 @@ def test_a_link_that_flaps_is_reported_and_counted_once(
 
 
 def test_an_interface_down_between_two_checks_does_no_harm(ip: Tool, bus: Bus, link_cycles: int) -> None:
-    """Not each of these is noticed, so how many are told is not judged."""
+    """Not every interruption is noticed, so the number of reports is not judged."""
     with emulator(bus, "--json") as gate:
         held = gate.holds()
         for _ in range(link_cycles):

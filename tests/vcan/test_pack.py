@@ -82,8 +82,8 @@ def was_late(bus: Bus) -> bool:
 
 @pytest.mark.parametrize("seen", [(GATE, BUTTON, COMMAND)], ids=[""], indirect=True)
 def test_verdicts_equal_those_of_the_free_clock_or_say_why_not(bus: Bus, their: Path, tmp_path: Path) -> None:
-    """A machine of one CPU is late now and then, and so is the ECU on it: what fails there is no word on either.
-    Where bench and ECU were in time, all is as on the free clock. It takes as long as the gate moves, a minute.
+    """A machine with one CPU is late now and then, as is its ECU: failures then say nothing of either. Where bench
+    and ECU were on time, verdicts equal those of the free clock. It takes as long as the gate moves, a minute.
     """
     found = judged(NAMES, their, tmp_path)
     assert sorted(found) == sorted(NAMES)

@@ -63,7 +63,7 @@ def test_a_step_minimizes_within_bounds_and_half_spaces(seed: int) -> None:
 
 
 def test_a_step_ends_at_the_nearest_point_of_a_curved_limit() -> None:
-    """From within a circle to the point of it that is nearest to what lies outside."""
+    """From inside a circle to its point nearest to the unconstrained step."""
     goal, radius = np.array([3.0, 1.0]), 0.8
     x, far = np.zeros(2), np.full(2, 9.0)
     for _ in range(8):

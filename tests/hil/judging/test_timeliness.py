@@ -83,7 +83,7 @@ def test_lateness_outside_the_window_leaves_the_verdict(name: str, tick: int) ->
 
 
 def test_a_bench_delay_like_lost_messages_before_the_window_makes_it_inconclusive() -> None:
-    """What the ECU did then, such as stopping, remains the bench's fault."""
+    """The ECU's reaction, such as stopping, is then due to the bench, also later."""
     for columns, why in (
         ({"frames_dropped": {500: 3}}, "frames were dropped at about 0.501 s"),
         (

@@ -1,5 +1,5 @@
-"""Frames through a socket, as Python and as machine code: byte for byte what linux/can.h says, and no fault
-of the socket is more than a figure.
+"""Frames through a socket, in Python and as machine code: bytes as in linux/can.h; faults of the socket are only
+counted.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Every quantity goes where its name says: from the bus into the plant, from the plant's rows onto the bus and
-into recordings. Each value is given a number of its own, and names are compared, never places.
+"""Every quantity keeps its name: from the bus into the plant, from the plant's rows onto the bus and into
+recordings. Every value is distinct, and names are compared, never indices.
 """
 
 from __future__ import annotations
@@ -344,8 +344,8 @@ CODES = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
 def test_hall_a_and_b_agree_with_the_count_in_both_directions(whole: Rig, fast_tick: Tick, rate: float) -> None:
-    """At 200 Hz several edges come a tick: the levels are those of the count all the same. At 1 kHz an ECU that
-    samples A and B once a tick counts what the decoder does.
+    """At 200 Hz several edges come per tick: the levels still agree with the count. At 1 kHz an ECU that samples A
+    and B once per tick counts what the decoder counts.
     """
     config = loop_config(rate, whole)
     state = start_of(config, math.radians(30.0), latched=False)

@@ -193,7 +193,7 @@ def test_signal_ecureset_command_and_condition_of_a_reset_follow_in_this_order(t
 
 
 def test_an_ecu_gets_time_to_shut_down_after_its_response(tmp_path: Path) -> None:
-    """Also where the answer comes at the last moment."""
+    """Also where the response comes at the last moment."""
     setup = setup_of(scenario(tmp_path, EXPECT))
     phase = next(iter(phases_of(setup, rig_with(tmp_path, UDS), 0.001)))
     row, head = np.zeros((1, ROW_WIDTH)), phase.stimuli.tester.head

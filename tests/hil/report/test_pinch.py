@@ -73,7 +73,7 @@ def test_a_gate_whose_obstacle_is_removed_did_not_reverse() -> None:
 
 
 def test_motion_after_the_way_back_is_no_further_reversal() -> None:
-    """It bounces before it goes on into the obstacle; it creeps on after it has stopped, then opens once more."""
+    """The gate bounces before it goes on into the obstacle, creeps on after its stop, then opens once more."""
     columns = rows(back=1.0)
     columns["gate_rate_degps"] *= 3.0
     columns["gate_rate_degps"][6000:8000] = 0.55

@@ -309,7 +309,7 @@ def test_a_database_label_without_a_counterpart_does_not_affect_other_signals(tm
 
 @pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet", ".mf4"])
 def test_a_decoded_table_is_judged_like_its_log(tmp_path: Path, suffix: str) -> None:
-    """Its units count, rows before a message's first frame have no value, and its rows are far from even."""
+    """Its units are read, rows before a message's first frame have no value, and its rows are unevenly spaced."""
     log, table_ = CAR / "closing.log", tmp_path / f"closing{suffix}"
     assert main(["convert", str(log), str(table_), "--rig", str(CAR / "theirs.dbc")]) == 0
     own = scenario(

@@ -1,4 +1,4 @@
-"""JUnit XML of a suite, by what its schema asks for.
+"""JUnit XML of a suite conforms to its schema.
 
 `vendor/JUnit.xsd` is a copy of the schema of Apache Ant's reports, github.com/windyroad/JUnit-Schema (commit
 cfa434d), under the Apache License 2.0, which stands in `vendor/JUnit.LICENSE`.

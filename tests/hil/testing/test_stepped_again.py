@@ -128,7 +128,7 @@ def test_a_failure_that_lateness_cannot_have_caused_stands(run: tuple[Path, list
 
 
 def test_a_late_ecu_on_a_punctual_bench_is_judged(tmp_path: Path) -> None:
-    """Its commands come late, the bench is in time."""
+    """The ECU's commands come late, the bench is on time."""
     late = (
         '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\n'
         'delay_s = 0.5\nstart = "pinch_force_n > 1"\n'

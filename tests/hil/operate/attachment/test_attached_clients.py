@@ -405,7 +405,7 @@ def test_a_stale_socket_in_one_folder_does_not_hide_a_run_in_another(
 def test_the_runtime_folder_of_another_user_is_not_used(
     nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As `sudo` leaves it in the environment."""
+    """Such as `sudo` leaves in XDG_RUNTIME_DIR."""
     theirs = tmp_path / "theirs"
     theirs.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(theirs))
