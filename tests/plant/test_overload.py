@@ -106,7 +106,7 @@ def test_a_clutch_works_with_mechanisms_of_any_stiffness(stiffness, damping, ste
     assert ends[4.0] == pytest.approx(64.63, abs=0.25)
 
 
-def test_a_clutch_that_never_slips_changes_nothing():
+def test_a_clutch_that_never_slips_has_no_effect():
     rows = {}
     for torque in (0.0, 900.0):
         vehicle = suv(f"clutch.torque={torque}")

@@ -124,7 +124,7 @@ def test_the_compiled_plant_equals_the_plain_one(name: str, data: st.DataObject)
 @pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-3, 5e-3])
 @CALM
 @given(data=st.data())
-def test_every_state_steps_to_a_finite_one(step: float, data: st.DataObject) -> None:
+def test_a_step_from_any_state_gives_a_finite_state(step: float, data: st.DataObject) -> None:
     vehicle = VEHICLES["unlike drives"]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))

@@ -137,7 +137,7 @@ def test_the_commands_printed_by_init_run_unchanged(folder: Path) -> None:
     assert "2 failed, 4 passed" in out
 
 
-def test_doctor_gives_a_verdict(folder: Path) -> None:
+def test_the_doctor_command_prints_a_verdict(folder: Path) -> None:
     """The doctor waits 5 s for drivers to answer."""
     out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
     assert "verdict" in out

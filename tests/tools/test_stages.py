@@ -134,7 +134,7 @@ def test_a_stage_that_cannot_start_is_reported_and_not_waited_for(
     assert out.count("No such file or directory: 'make'") == 3
 
 
-def test_characters_split_between_outputs_are_shown(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_split_characters_of_an_output_are_shown_correctly(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     """The stage prints half of the bytes of a character, and later the rest."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("slow",),), "ci": ()})
     assert "gr\u00fc\u00df\n" in told("test")[1]

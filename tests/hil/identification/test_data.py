@@ -246,9 +246,7 @@ def test_warmth_and_play_of_a_resting_gate_are_estimated_unless_it_rested_long_o
 
 @pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
 @pytest.mark.parametrize("released", [0.0, 1.0])
-def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
-    noise: dict[str, float], released: float
-) -> None:
+def test_a_closed_gate_creeping_into_its_seal_counts_as_resting(noise: dict[str, float], released: float) -> None:
     for seed in range(5):
         drive = opening(0.5, 1.0, 1000.0)
         data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)

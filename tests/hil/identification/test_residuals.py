@@ -132,7 +132,7 @@ def test_speeds_derived_from_measured_and_simulated_positions_are_compared() -> 
     assert series.phases["travel"][2] == 400
 
 
-def test_residuals_explained_by_the_rounding_of_the_data_are_marked_so() -> None:
+def test_residuals_explained_by_the_datas_rounding_are_marked_as_rounding() -> None:
     times = np.arange(2000) * 1e-3
     frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
     model = 3.0 * np.sin(0.7 * times)

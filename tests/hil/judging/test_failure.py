@@ -156,7 +156,7 @@ ALLOWED = {
     CONDITIONS,
     st.lists(st.lists(st.sampled_from([0.0, 1.0, -0.5, 2.25]), min_size=2, max_size=2), min_size=1),
 )
-def test_a_measured_value_in_a_reason_is_not_allowed(kind: str, made: Made, values: list[list[float]]) -> None:
+def test_a_reason_names_a_value_outside_the_allowed_set(kind: str, made: Made, values: list[list[float]]) -> None:
     truth, sensed = (list(each) for each in zip(*values, strict=True))
     found = failed(Expectation("x", kind, made[0]), latched=truth, sensed_latched=sensed)
     assert (found.reason == "") == (found.verdict == "pass")

@@ -219,7 +219,7 @@ def test_a_mark_needs_an_open_recording_that_can_hold_it(bench: Bench) -> None:
         bench.recording.mark(1.0, "x")
 
 
-def test_marks_go_to_the_runs_own_recording_whose_folder_holds_further_ones(
+def test_marks_go_to_the_runs_own_recording_and_further_files_to_its_folder(
     memory: Memory, tmp_path: Path
 ) -> None:
     (tmp_path / "own").mkdir()

@@ -88,7 +88,7 @@ def test_the_provenance_describes_each_fault_column(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
-def test_a_recording_without_faults_has_at_most_a_column_of_injected_ones(tmp_path: Path, clock: str) -> None:
+def test_a_recording_without_faults_has_at_most_the_injected_faults_column(tmp_path: Path, clock: str) -> None:
     lh.run(find_config("scenarios", "demo"), clock=clock, duration=0.05, record=tmp_path / "run.csv")
     recording = open_recording(tmp_path / "run.csv")
     found = [name for name in recording.signals if name.startswith("fault.")]

@@ -218,7 +218,7 @@ def test_a_triggered_recording_states_its_trigger(runs: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_what_a_triggered_recording_lacks_is_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
+def test_times_outside_a_triggered_recording_are_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
     window = open_recording(runs / "part.csv")
     times = np.concatenate(list(window.rows(["time_s"])))[:, 0]
     middle = float(times[len(times) // 2])
@@ -244,7 +244,7 @@ def test_what_a_triggered_recording_lacks_is_inconclusive(runs: Path, tmp_path: 
     assert {each.reason for each in empty.values()} == {"nothing was recorded"}
 
 
-def test_the_recorder_process_of_a_real_time_run_triggers_alike(tmp_path: Path) -> None:
+def test_the_recorder_process_of_a_real_time_run_triggers_in_the_same_way(tmp_path: Path) -> None:
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     line = ["--bus", "virtual:triggered", "--duration", "0.6", "--overrun-limit", "60", "--quiet"]
     for file in files:

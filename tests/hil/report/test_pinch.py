@@ -137,7 +137,7 @@ def test_the_pinch_figure_states_peak_limits_margin_and_reversal() -> None:
         assert text in said
 
 
-def test_a_rod_is_drawn_from_when_the_closing_gate_can_hit_it() -> None:
+def test_a_rod_is_drawn_from_the_time_at_which_the_closing_gate_can_hit_it() -> None:
     """The rod is there from the start, but the gate opens past it first."""
     columns = rows()
     opening = TIMES < 2.0

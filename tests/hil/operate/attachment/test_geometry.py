@@ -52,5 +52,5 @@ def test_the_drawn_springs_force_equals_that_in_the_plant(vehicle: Vehicle) -> N
         assert found["drives"][side]["spring_n"][0] >= found["drives"][side]["spring_n"][-1] > 0.0
 
 
-def test_a_gate_with_one_drive_is_drawn_with_one() -> None:
+def test_a_gate_with_one_drive_is_drawn_with_one_drive() -> None:
     assert list(geometry_of(vehicle_from("suv", ["drives=1"]))["drives"]) == ["left"]
