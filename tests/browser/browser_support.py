@@ -1,4 +1,4 @@
-"""What tests ask of a page in a browser."""
+"""Helpers of the tests of pages in a browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GOING = ("running", "late")  # a busy machine is late now and then
 
 
 def until(browser: Any, is_so: Any) -> Any:
-    """What holds at last; the page may be loaded anew meanwhile."""
+    """Wait until a condition on the page holds and return its value; the page may reload meanwhile."""
     from selenium.common import exceptions
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -39,12 +39,12 @@ def text_of(browser: Any, selector: str) -> str:
 
 
 def click(browser: Any, selector: str) -> None:
-    """Click what the page shows at last."""
+    """Click an element once the page shows it."""
     until(browser, lambda _: found(browser, selector).click() is None)
 
 
 def set_value(browser: Any, selector: str, value: str) -> None:
-    """Replace what a field holds."""
+    """Replace the value of a field."""
     field = found(browser, selector)
     field.clear()
     field.send_keys(value)
@@ -55,7 +55,7 @@ def errors_in(browser: Any) -> list[str]:
 
 
 def opened(browser: Any, address: str, phases: tuple[str, ...] = GOING) -> Any:
-    """The page, once it shows one of these phases."""
+    """Open the page and return it once it shows one of these phases."""
     browser.get(address)
     until(browser, lambda _: text_of(browser, "#phase").split(":")[0] in phases)
     until(browser, lambda _: found(browser, "body").get_attribute("data-ready"))
@@ -63,18 +63,18 @@ def opened(browser: Any, address: str, phases: tuple[str, ...] = GOING) -> Any:
 
 
 def value_of(browser: Any, name: str) -> float:
-    """A true value in the last state."""
+    """True value of this name in the page's last state."""
     return float(browser.execute_script("return last.truth[arguments[0]]", name))
 
 
 def press(browser: Any, action: str) -> None:
-    """A button of the driver."""
+    """Click a driver's button."""
     click(browser, f"#request-{action}")
     until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
 
 
 def press_until(browser: Any, action: str, is_so: Callable[[], bool]) -> None:
-    """Press a button of the driver until something holds: on a busy machine the ECU may stop on its way."""
+    """Click a driver's button until a condition holds: on a busy machine the ECU may stop on its way."""
     pressed = time.monotonic()
     press(browser, action)
 
@@ -92,7 +92,7 @@ def press_until(browser: Any, action: str, is_so: Callable[[], bool]) -> None:
 
 @contextlib.contextmanager
 def window(browser: Any, width: int, height: int) -> Iterator[None]:
-    """The inside of the browser's window in that size [px], also below what a window may have."""
+    """Set the inner size of the browser's window [px], also smaller than a window may be."""
     browser.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride",
         {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
@@ -110,7 +110,7 @@ def clear_all(browser: Any) -> None:
 
 
 def drawn_angle(browser: Any) -> float:
-    """The angle at which the gate is drawn: from the corners of its plate, against the closed gate."""
+    """Angle at which the gate is drawn, from the corners of its plate relative to the closed gate."""
     d = found(browser, "#gate").get_attribute("d")
     first, second = ([float(each) for each in part.split()] for part in d[1:].split("L")[:2])
     return float(
@@ -124,7 +124,7 @@ def drawn_angle(browser: Any) -> float:
 
 
 def drag(browser: Any, selector: str, right: int, down: int, hold_s: float = 0.0) -> Any:
-    """Drag with the mouse; the actions that let go."""
+    """Drag with the mouse; return the actions that release the button."""
     from selenium.webdriver import ActionChains
 
     actions = ActionChains(browser, duration=50)

@@ -1,4 +1,4 @@
-"""A real browser, and runs with their pages in it."""
+"""A real browser, and runs with pages open in it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
-    """The address of the page of a run with the reference ECU, which opens the gate."""
+    """Address of the page of a run in which the reference ECU opens the gate."""
     with (
         bench(folder, "page", "--ecu", "reference", "--scenario", "s.toml") as run,
         page_beside(run, folder) as client,

@@ -1,4 +1,4 @@
-"""The gate that is drawn: it moves as the real one does, and can be moved by hand."""
+"""The drawn gate moves as the simulated one does, and can be moved by hand."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.realtime  # the ECU takes a late bench for a drive with
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Any:
-    """The page with the gate open, and nobody moving it."""
+    """The page with the gate open and not moving."""
     opened(browser, address)
     clear_all(browser)
     if value_of(browser, "gate_angle_deg") < 75.0:
@@ -40,7 +40,7 @@ def page(browser: Any, address: str) -> Any:
     return browser
 
 
-def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
+def test_the_drawn_gate_follows_the_ecus_motion(page: Any) -> None:
     """The gate closes and opens, in real time."""
     assert drawn_angle(page) == pytest.approx(value_of(page, "gate_angle_deg"), abs=1.0)
     press_until(page, "close", lambda: value_of(page, "gate_angle_deg") < 60.0)
@@ -52,7 +52,7 @@ def test_the_gate_moves_as_the_ecu_moves_it(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_a_hand_on_the_gate_is_a_force_in_data_and_drawing(page: Any) -> None:
+def test_pulling_the_drawn_gate_applies_a_hand_force_shown_in_data_and_drawing(page: Any) -> None:
     release = drag(page, "#grip", 0, 80, 0.3)
     until(page, lambda _: value_of(page, "hand_force_n") < -20.0)
     until(page, lambda _: float(found(page, "#grip").get_attribute("aria-valuenow")) < -20.0)
@@ -68,7 +68,7 @@ def test_a_hand_on_the_gate_is_a_force_in_data_and_drawing(page: Any) -> None:
 @pytest.mark.parametrize(
     "end", ["drawing.handles.grip.releasePointerCapture(1)", "find('hand').querySelector('.clear').click()"]
 )
-def test_a_hand_that_is_held_ends_with_its_pointer_and_with_a_click_on_clear(page: Any, end: str) -> None:
+def test_a_held_hand_force_ends_with_its_pointer_or_a_click_on_clear(page: Any, end: str) -> None:
     release = drag(page, "#grip", 0, 80, 0.3)
     until(page, lambda _: value_of(page, "hand_force_n") < -20.0)
     page.execute_script(end)
@@ -81,7 +81,7 @@ def test_a_hand_that_is_held_ends_with_its_pointer_and_with_a_click_on_clear(pag
     assert errors_in(page) == []
 
 
-def test_a_hand_moves_the_gate(page: Any) -> None:
+def test_a_hand_force_by_mouse_moves_the_gate(page: Any) -> None:
     """The gate opens before, in real time."""
     from selenium.webdriver import Keys
 
@@ -103,7 +103,7 @@ def test_lost_springs_are_drawn_without_force(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_a_command_that_has_timed_out_does_not_look_alive(page: Any) -> None:
+def test_a_timed_out_command_is_not_drawn_as_active(page: Any) -> None:
     assert "timed out" not in text_of(page, "#command")
     page.execute_script("command({fault: {kind: 'frame_lost', where: 'left_duty', direction: 'received'}})")
     until(page, lambda _: "timed out," in text_of(page, "#command"))
@@ -131,8 +131,8 @@ def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> N
     assert errors_in(page) == []
 
 
-def test_the_drives_are_drawn_where_their_joints_are(page: Any) -> None:
-    """The shaft of the left drive ends at the gate's joint, beside which it is drawn by 7 units."""
+def test_the_drives_are_drawn_between_their_joints(page: Any) -> None:
+    """The shaft of the left drive ends at the gate's joint, beside which it is drawn at an offset of 7 units."""
     ends = page.execute_script(
         "const d = document.querySelector('.shaft.left').getAttribute('d').split('L')[1].split(' ');"
         "return [d.map(Number), drawing.at(drawing.turned(about.geometry.drives.left.gate_point[0]))]"

@@ -1,4 +1,4 @@
-"""The manual, opened as files: its search, its index and its sidebar."""
+"""The manual opened as files: its search, index and sidebar."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAGES = ("verdicts", "scenario", "tests")
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three pages of the manual, one of which is about all three; links to the other pages lead nowhere."""
+    """Three pages of the manual, one of which covers all three topics; links to other pages are broken."""
     folder = tmp_path_factory.mktemp("manual")
     source = folder / "source"
     source.mkdir()
@@ -33,7 +33,7 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def searched(browser: Any, manual: Path, query: str) -> list[dict[str, str]]:
-    """What the search shows, from the top: kind, title, target and excerpt."""
+    """Search results from the top: kind, title, target and excerpt."""
     browser.get(f"{(manual / 'search.html').as_uri()}?q={query}")
     until(browser, lambda _: browser.execute_script("return Search.title.innerText === 'Search Results'"))
     until(browser, lambda _: browser.execute_script(
@@ -48,14 +48,14 @@ def searched(browser: Any, manual: Path, query: str) -> list[dict[str, str]]:
     return found
 
 
-def test_a_verdict_is_found_where_it_is_explained(browser: Any, manual: Path) -> None:
+def test_searching_a_verdict_finds_its_explanation(browser: Any, manual: Path) -> None:
     first, *others = searched(browser, manual, "inconclusive")
     assert first["title"] == "What a verdict means"
     assert "Nothing may be concluded about the ECU" in first["excerpt"]
     assert any("inconclusive" in each["excerpt"].lower() for each in others)
 
 
-def test_titles_come_first_and_keys_before_text(browser: Any, manual: Path) -> None:
+def test_search_results_list_titles_first_and_keys_before_text(browser: Any, manual: Path) -> None:
     kinds = [each["kind"] for each in searched(browser, manual, "obstacle")]
     ranks = [("kind-title", "kind-index", "kind-object", "kind-text").index(each) for each in kinds]
     assert ranks == sorted(ranks)
@@ -78,7 +78,7 @@ def test_keys_and_verdicts_are_in_the_index(browser: Any, manual: Path) -> None:
         assert place in text[text.index(term) + 1]
 
 
-def test_groups_of_the_sidebar_fold(browser: Any, manual: Path) -> None:
+def test_groups_of_the_sidebar_can_be_folded(browser: Any, manual: Path) -> None:
     browser.get((manual / "index.html").as_uri())
     inside = browser.find_element("css selector", ".sidebar-tree li.has-children > ul")
     assert not inside.is_displayed()

@@ -1,4 +1,4 @@
-"""The operator's page in a real browser: what it shows is so, and what is clicked is done."""
+"""The operator's page in a real browser: its values are correct and its controls take effect."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_the_page_shows_current_values_and_updates(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
+def test_tables_are_shown_on_request_and_a_chosen_column_is_charted(page: Any) -> None:
     click(page, "#bus-view summary")
     until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
     click(page, "#values summary")
@@ -37,7 +37,7 @@ def test_tables_are_shown_on_request_and_a_column_is_drawn(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_signals_of_the_bus_have_their_units(page: Any) -> None:
+def test_bus_signals_are_shown_with_their_units(page: Any) -> None:
     click(page, "#bus-view summary")
     until(page, lambda _: "TerminalVoltage = " in text_of(page, "#messages"))
     cells = "document.querySelectorAll('#messages td:last-child')"
@@ -48,7 +48,7 @@ def test_signals_of_the_bus_have_their_units(page: Any) -> None:
     assert re.search(r"TerminalVoltage = [\d.]+ V$", gate)
 
 
-def test_a_trace_is_filtered_held_and_goes_on(page: Any) -> None:
+def test_the_frame_trace_can_be_filtered_paused_and_resumed(page: Any) -> None:
     names = "return [...document.querySelectorAll('#trace tbody tr')].map((it) => it.cells[2].innerText)"
     newest = "return +document.querySelector('#trace tbody tr').cells[0].innerText"
     assert page.execute_script("return trace.frames.length") == 0  # nobody asks while it is closed
@@ -115,7 +115,7 @@ def test_a_signal_of_the_restbus_is_set_by_value_and_by_label(page: Any) -> None
     assert errors_in(page) == []
 
 
-def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str) -> None:
+def test_surroundings_and_driver_controls_have_plain_names_and_take_effect(page: Any, address: str) -> None:
     from selenium.webdriver import Keys
 
     client = Client(address)
@@ -143,7 +143,7 @@ def test_surroundings_and_driver_are_commanded_in_words(page: Any, address: str)
     assert errors_in(page) == []
 
 
-def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str) -> None:
+def test_the_obstacle_form_shows_the_obstacle_in_force(page: Any, address: str) -> None:
     client = Client(address)
     field = "#obstacle input[inputmode=decimal][aria-label='Angle']"
     assert client.command(obstacle={"angle_deg": 41.5})[0] == 200  # by another tab
@@ -153,7 +153,7 @@ def test_the_form_of_the_obstacle_shows_the_one_in_force(page: Any, address: str
     assert errors_in(page) == []
 
 
-def test_states_that_come_faster_than_they_are_drawn_are_drawn_once_and_lose_no_line(page: Any) -> None:
+def test_states_arriving_faster_than_drawn_are_drawn_once_and_lose_no_log_line(page: Any) -> None:
     drawn, events = page.execute_async_script("""
         const done = arguments[0], ours = show;
         let drawn = 0;
@@ -184,7 +184,7 @@ def test_an_alarm_is_shown_at_the_top_once(page: Any) -> None:
     assert text_of(page, "#answer") == ""
 
 
-def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
+def test_a_refused_command_is_reported_with_the_allowed_values(page: Any) -> None:
     box = found(page, "#signal-name")
     box.clear()
     box.send_keys("Body.VehicleSpeed")
@@ -207,7 +207,7 @@ def test_what_is_refused_is_reported_with_what_is_allowed(page: Any) -> None:
     assert all(" 422 " in each for each in errors_in(page))
 
 
-def test_a_field_takes_a_number_as_it_is_typed_or_refuses_it(page: Any, address: str) -> None:
+def test_a_field_accepts_a_typed_number_unchanged_or_refuses_it(page: Any, address: str) -> None:
     from selenium.webdriver import Keys
     from selenium.webdriver.support.ui import Select
 
@@ -235,7 +235,7 @@ def test_a_field_takes_a_number_as_it_is_typed_or_refuses_it(page: Any, address:
     assert errors_in(page) == []
 
 
-def test_an_answer_is_closed_by_its_button_and_by_escape(page: Any) -> None:
+def test_a_message_is_closed_by_its_button_and_by_escape(page: Any) -> None:
     from selenium.webdriver import ActionChains, Keys
 
     page.execute_script("answer('refused', true)")
@@ -248,7 +248,7 @@ def test_an_answer_is_closed_by_its_button_and_by_escape(page: Any) -> None:
     assert text_of(page, "#answer") == "done"
 
 
-def test_charts_have_the_values_of_the_header_beside_their_names(page: Any) -> None:
+def test_charts_show_the_same_current_values_as_the_header(page: Any) -> None:
     shown = """
         const [angle] = document.querySelectorAll('#plots .panel button > span');
         return [+angle.textContent, +find('angle').textContent, +last.truth.gate_angle_deg.toFixed(2)];
@@ -259,7 +259,7 @@ def test_charts_have_the_values_of_the_header_beside_their_names(page: Any) -> N
         assert header == truth
 
 
-def test_a_peak_that_the_charts_no_longer_have_is_told_and_the_list_says_zoomed(page: Any) -> None:
+def test_zooming_to_a_peak_before_the_charts_begin_states_its_value_and_time(page: Any) -> None:
     until(page, lambda _: page.execute_script("return charts.times.length > 20"))
     said, when = page.execute_script(
         "const when = charts.times[0] - 2.5; zoomToPeak({ pinch_peak_n: 98.4, pinch_peak_s: when });"
@@ -276,7 +276,7 @@ def test_a_peak_that_the_charts_no_longer_have_is_told_and_the_list_says_zoomed(
     assert page.execute_script("return find('end-peak').textContent") == ""
 
 
-def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
+def test_labels_of_a_database_are_escaped(page: Any) -> None:
     page.execute_script(
         "showLog([[1e9, 0, 'ecu <img src=x onerror=document.title=1>']]);"
         "showMessages([{id: '1', name: '<b>x</b>', direction: 'sent', count: 1, cycle_ms: 1, data: '', "
@@ -287,7 +287,7 @@ def test_labels_of_a_database_are_shown_as_text(page: Any) -> None:
     assert "liftgate-hil" in page.title
 
 
-def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
+def test_zooming_one_chart_gives_all_charts_the_identical_range(page: Any) -> None:
     until(page, lambda _: page.execute_script("return charts.times.length > 60"))
     from selenium.webdriver import ActionChains
 
@@ -316,8 +316,8 @@ def test_zoom_agrees_over_all_charts_to_the_bit(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_a_fault_shows_in_the_right_charts_only(page: Any) -> None:
-    """An offset of the left current sensor parts its curve from the truth, and no other."""
+def test_a_sensor_fault_shows_in_the_chart_of_its_signal_only(page: Any) -> None:
+    """An offset of the left current sensor separates only its curve from the truth."""
     from selenium.webdriver.support.ui import Select
 
     names = "['gate_angle_deg', 'left_current_a', 'right_current_a', 'terminal_voltage_v']"
@@ -339,7 +339,7 @@ def test_a_fault_shows_in_the_right_charts_only(page: Any) -> None:
     clear_all(page)
 
 
-def test_a_second_tab_shows_the_same(page: Any, address: str) -> None:
+def test_a_second_tab_shows_the_same_run(page: Any, address: str) -> None:
     first = page.current_window_handle
     page.switch_to.new_window("tab")
     try:

@@ -1,4 +1,4 @@
-"""Where things are on the page: on a bench's screen the gate beside its charts, on a phone before them."""
+"""Layout of the page: on a bench's screen the gate is beside its charts, on a phone before them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ return cut;
 """
 
 
-def test_on_a_bench_the_gate_is_beside_its_charts_and_all_of_them_are_in_sight(page: Any) -> None:
+def test_on_a_bench_screen_the_gate_is_beside_its_charts_and_all_are_visible(page: Any) -> None:
     with window(page, *BENCH):
         ends = f"{BOX} return [...document.querySelectorAll('#plots > div')].map((it) => box(it).bottom)"
         until(page, lambda _: max(page.execute_script(ends)) < BENCH[1])
@@ -42,7 +42,7 @@ def test_on_a_bench_the_gate_is_beside_its_charts_and_all_of_them_are_in_sight(p
     assert errors_in(page) == []
 
 
-def test_a_column_that_is_added_keeps_all_charts_in_sight(page: Any) -> None:
+def test_an_added_column_keeps_all_charts_visible(page: Any) -> None:
     with window(page, *BENCH):
         click(page, "#values summary")
         click(page, "button[aria-label='chart true left_winding_temperature_degc']")
@@ -51,7 +51,7 @@ def test_a_column_that_is_added_keeps_all_charts_in_sight(page: Any) -> None:
         until(page, lambda _: page.execute_script(end) < BENCH[1])
 
 
-def test_on_a_phone_gate_and_controls_come_before_the_charts_and_nothing_is_cut(page: Any) -> None:
+def test_on_a_phone_gate_and_controls_precede_the_charts_and_nothing_is_cut_off(page: Any) -> None:
     with window(page, *PHONE):
         scene, controls, charts = (found(page, each).location["y"] for each in ("#scene", "#controls", "#charts"))
         assert scene < controls < charts
@@ -60,8 +60,8 @@ def test_on_a_phone_gate_and_controls_come_before_the_charts_and_nothing_is_cut(
 
 
 @pytest.mark.parametrize("handle", ["rod", "grip"])
-def test_a_finger_of_40_pixels_takes_a_handle_on_a_phone(page: Any, handle: str) -> None:
-    """Wherever the gate stands: on the handle's centre, and 20 pixels beside it, where the other may be nearer."""
+def test_on_a_phone_each_handle_has_a_touch_area_of_40_pixels(page: Any, handle: str) -> None:
+    """At any gate angle, at the handle's centre and 20 pixels beside it, where another handle may be nearer."""
     touched = f"""{BOX}
         const handle = document.getElementById(arguments[0]), found = [];
         for (const angle of about.geometry.angles_deg) {{
@@ -98,8 +98,8 @@ def test_expectations_with_margins_and_reasons_fit_their_card_on_a_phone(page: A
         assert page.execute_script(CUT) == []
 
 
-def test_the_words_of_the_obstacle_are_not_below_the_hand(page: Any) -> None:
-    """Wherever the gate stands."""
+def test_the_obstacles_label_is_not_hidden_by_the_hand(page: Any) -> None:
+    """Holds at any gate angle."""
     apart = f"""{BOX}
         return about.geometry.angles_deg.map((angle) => {{
           drawing.angle = angle;
@@ -113,7 +113,7 @@ def test_the_words_of_the_obstacle_are_not_below_the_hand(page: Any) -> None:
         assert all(page.execute_script(apart))
 
 
-def test_what_is_scrolled_to_is_not_below_the_header(page: Any) -> None:
+def test_scrolled_to_elements_are_not_hidden_by_the_header(page: Any) -> None:
     with window(page, *PHONE):
         tops = f"""{BOX}
             document.getElementById('fault-kind').scrollIntoView();
@@ -122,7 +122,7 @@ def test_what_is_scrolled_to_is_not_below_the_header(page: Any) -> None:
         until(page, lambda _: sorted(ends := page.execute_script(tops)) == ends)
 
 
-def test_a_recording_has_all_charts_in_sight_beside_the_gate(browser: Any, tmp_path: Path) -> None:
+def test_a_recordings_page_shows_all_charts_beside_the_gate(browser: Any, tmp_path: Path) -> None:
     lh.run("demo", duration=2.0, record=tmp_path / "run.mf4")
     with page_of(tmp_path, "--recording", "run.mf4") as client:
         opened(browser, client.address, ("recording",))

@@ -1,4 +1,4 @@
-"""What a page does as runs end and begin, with recordings, without a mouse, and for a minute."""
+"""The page as runs end and begin, with recordings, without a mouse, and over a minute."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ limit = 5
 AXE = Path(__file__).parent / "vendor" / "axe.min.js"
 
 
-def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, tmp_path: Path) -> None:
+def test_the_page_shows_the_verdict_at_the_end_and_follows_the_next_run(browser: Any, tmp_path: Path) -> None:
     passes = 'duration = 2.0\n[[expect]]\nname = "stays shut"\nalways = "gate_angle_deg < 5"\n'
     (tmp_path / "s.toml").write_text(passes, encoding="utf-8")
     with bench(tmp_path, "next", *ECU) as first, page_beside(first, tmp_path) as client:
@@ -73,7 +73,7 @@ def test_the_end_shows_the_verdict_and_the_next_run_is_picked_up(browser: Any, t
     assert errors_in(browser) == []
 
 
-def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
+def test_the_page_of_a_run_shows_its_verdict_and_reconnects_to_the_next_run(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A run of 8 s, in real time: the server ends with it, and the page waits, without errors in the console."""
@@ -92,7 +92,7 @@ def test_a_run_with_its_own_page_shows_its_verdict_and_the_next_one(
     assert errors_in(browser) == []
 
 
-def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_path: Path) -> None:
+def test_a_run_without_ticks_is_shown_stalled_and_not_late(browser: Any, tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW, encoding="utf-8")
     still = ("--bus", "virtual:still", "--clock", "lockstep", "--ecu", "slow:Ecu")
     with process(*still, folder=tmp_path) as run, page_beside(run, tmp_path) as client:
@@ -103,7 +103,7 @@ def test_a_run_that_makes_no_ticks_is_stalled_and_not_late(browser: Any, tmp_pat
         assert errors_in(browser) == []
 
 
-def test_a_server_that_stands_still_is_told_and_comes_back(browser: Any, tmp_path: Path) -> None:
+def test_a_stalled_server_is_reported_and_so_is_its_return(browser: Any, tmp_path: Path) -> None:
     with bench(tmp_path, "frozen", *ECU) as run, page_beside(run, tmp_path) as client:
         opened(browser, client.address)
         client.child.send_signal(signal.SIGSTOP)
@@ -117,7 +117,7 @@ def test_a_server_that_stands_still_is_told_and_comes_back(browser: Any, tmp_pat
         assert errors_in(browser) == []
 
 
-def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path) -> None:
+def test_a_recordings_page_shows_the_pinch_and_plays_the_motion(browser: Any, tmp_path: Path) -> None:
     result = lh.run("demo", record=tmp_path / "run.mf4")
     with page_of(tmp_path, "--recording", "run.mf4") as client:
         opened(browser, client.address, ("recording",))
@@ -149,7 +149,7 @@ def test_a_recording_shows_its_pinch_and_is_played(browser: Any, tmp_path: Path)
         assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
 
 
-def test_a_recording_says_what_was_before_it_and_what_it_does_not_know(browser: Any, tmp_path: Path) -> None:
+def test_a_recordings_page_states_earlier_events_and_unknown_faults(browser: Any, tmp_path: Path) -> None:
     """Ticks missed and a contact before it began, and a fault injected, of which it does not know which."""
     columns = "time_s,gate_angle_deg,pinch_force_n,pinch_force_peak_n,ticks_missed,fault.injected"
     rows = "".join(f"{5 + 0.01 * k!r},30,0,90,{870 + k // 50},1\n" for k in range(150))
@@ -168,7 +168,7 @@ def test_a_recording_says_what_was_before_it_and_what_it_does_not_know(browser: 
         assert errors_in(browser) == []
 
 
-def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_path: Path) -> None:
+def test_the_page_of_a_bus_log_shows_its_signals_and_names_missing_ones(browser: Any, tmp_path: Path) -> None:
     lh.run("demo", duration=1.0, record=tmp_path / "run.blf")
     bus_log = ("--recording", "run.blf", "--vehicle", "suv", "--rig")
     buttons = "return [...document.querySelectorAll('#plots .panel button')]"
@@ -191,7 +191,7 @@ def test_a_bus_log_shows_what_it_holds_and_says_what_it_lacks(browser: Any, tmp_
         assert errors_in(browser) == []
 
 
-def test_a_recording_without_a_vehicle_has_charts_over_the_whole_width(browser: Any, tmp_path: Path) -> None:
+def test_a_recording_without_a_vehicle_has_full_width_charts(browser: Any, tmp_path: Path) -> None:
     rows = "".join(f"{0.01 * k!r},{k % 7}\n" for k in range(200))
     (tmp_path / "run.csv").write_text(f"time_s,left_current_a\n{rows}", encoding="utf-8")
     widths = "return ['#charts', 'main'].map((each) => document.querySelector(each).clientWidth)"
@@ -204,7 +204,7 @@ def test_a_recording_without_a_vehicle_has_charts_over_the_whole_width(browser: 
         assert errors_in(browser) == []
 
 
-def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) -> None:
+def test_scenarios_are_selected_started_and_stopped_on_the_page(browser: Any, tmp_path: Path) -> None:
     about = 'description = "the gate opens"\nrequirement = ["LG-1"]\n'
     (tmp_path / "opens.toml").write_text(about + OPENS, encoding="utf-8")
     with page_of(tmp_path, "--scenarios", ".") as client:
@@ -223,7 +223,7 @@ def test_scenarios_are_chosen_started_and_stopped(browser: Any, tmp_path: Path) 
         assert errors_in(browser) == []
 
 
-def test_the_end_shows_the_peak_the_scenarios_limit_and_each_sentence_once(browser: Any, tmp_path: Path) -> None:
+def test_the_end_of_a_run_shows_peak_limit_and_each_message_once(browser: Any, tmp_path: Path) -> None:
     """A run of 5 s, in real time."""
     (tmp_path / "traps").mkdir()
     (tmp_path / "traps" / "rod.toml").write_text(TRAP, encoding="utf-8")
@@ -253,10 +253,10 @@ def test_the_end_shows_the_peak_the_scenarios_limit_and_each_sentence_once(brows
         assert errors_in(browser) == []
 
 
-def test_a_page_that_ended_with_its_run_shows_the_recording_that_is_served_next(
+def test_the_page_of_an_ended_run_shows_a_recording_served_next_at_its_address(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As of a demo that is repeated on the free clock: at the same address, with the same token."""
+    """Such as a demo repeated on the free clock: same address, same token."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
     with bench_with_page(tmp_path, "own", *ECU) as client:
         opened(browser, client.address)
@@ -270,7 +270,7 @@ def test_a_page_that_ended_with_its_run_shows_the_recording_that_is_served_next(
         assert errors_in(browser) == []
 
 
-def test_the_keyboard_alone_reaches_everything(page: Any) -> None:
+def test_every_control_is_reachable_by_keyboard(page: Any) -> None:
     """Tab goes through every control that is shown, and each shows that it has the focus."""
     from selenium.webdriver import ActionChains, Keys
 
@@ -289,7 +289,7 @@ def test_the_keyboard_alone_reaches_everything(page: Any) -> None:
 
 
 @pytest.mark.parametrize("width", [1500, 420])
-def test_axe_finds_no_fault_in_contrast_labels_or_roles(page: Any, width: int) -> None:
+def test_axe_finds_no_accessibility_issue_in_contrast_labels_or_roles(page: Any, width: int) -> None:
     for each in ("#bus-view", "#trace-view", "#values"):
         click(page, f"{each} summary")
     page.set_window_size(width, 1400)
@@ -301,7 +301,7 @@ def test_axe_finds_no_fault_in_contrast_labels_or_roles(page: Any, width: int) -
     assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in said["violations"]] == []
 
 
-def test_there_is_no_error_in_the_console_for_a_while(page: Any) -> None:
+def test_the_console_shows_no_error_for_a_while(page: Any) -> None:
     begin = float(text_of(page, "#time"))
     page.set_window_size(600, 500)  # without a graphics card, drawing costs by the pixel
     try:

@@ -1,4 +1,4 @@
-"""Record on the page: each file holds what lay between the two clicks, as the page's log says."""
+"""Record button of the page: each file holds the rows between the two clicks, as logged on the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HOLDS = r"recorded: \S*{name}, ([\d.]+) to ([\d.]+) s$"
 
 
 def told(page: Any, pattern: str, name: str) -> list[float]:
-    """The numbers in a line of the log."""
+    """Numbers in a line of the page's log."""
 
     def line(_: object) -> Any:
         lines = text_of(page, "#log").splitlines()
@@ -30,7 +30,7 @@ def told(page: Any, pattern: str, name: str) -> list[float]:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "mf4"])
-def test_a_file_holds_what_lay_between_the_clicks_and_its_marks(page: Any, folder: Path, suffix: str) -> None:
+def test_a_file_holds_the_rows_and_marks_between_the_clicks(page: Any, folder: Path, suffix: str) -> None:
     name = f"clicks.{suffix}"
     set_value(page, "#record-name", name)
     before = value_of(page, "time_s")

@@ -1,4 +1,4 @@
-"""What the compiler's module adds to numba."""
+"""Functions that the compiler package adds to numba: tuples and texts in arrays, caches of machine code."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def filled(target: NDArray[np.float64], numbers: Numbers) -> bool:
         (Numbers(1e308, 1e308, 0.0), True),
     ],
 )
-def test_a_tuple_goes_whole_into_a_row_and_one_bad_number_is_seen(numbers, finite):
+def test_a_tuple_is_written_to_a_row_and_a_number_that_is_not_finite_is_reported(numbers, finite):
     for run in (filled, compiled(filled)):
         rows = np.zeros((5, 2))
         assert run(rows[:, 1], numbers) == finite
@@ -59,7 +59,7 @@ def read(source: NDArray[np.float64]) -> Numbers:
 
 
 @pytest.mark.parametrize("step", [1, 2, -1])
-def test_a_tuple_is_read_from_where_its_places_say(step: int):
+def test_picked_reads_each_field_from_its_given_index(step: int):
     source = np.arange(10.0, 20.0)[::step][:5]
     expected = Numbers(source[4], source[0], source[2])
     for run in (read, compiled(read)):
@@ -80,7 +80,7 @@ def laid_over(upper: Numbers, lower: Numbers) -> Numbers:
     return overlay(upper, lower)
 
 
-def test_an_item_is_replaced_where_it_stands():
+def test_fields_of_a_tuple_are_replaced_by_index():
     numbers = Numbers(1.0, 2.0, 3.0)
     for run in (replaced, compiled(replaced)):
         assert run(numbers, np.array([1])) == Numbers(1.0, 10.0, 3.0)
@@ -88,7 +88,7 @@ def test_an_item_is_replaced_where_it_stands():
         assert run(numbers, np.zeros(0, dtype=np.int64)) == numbers
 
 
-def test_what_is_not_there_is_taken_from_below():
+def test_nan_fields_are_taken_from_the_tuple_below():
     nan = np.nan
     for run in (laid_over, compiled(laid_over)):
         assert run(Numbers(nan, 2.0, nan), Numbers(4.0, 5.0, 6.0)) == Numbers(4.0, 2.0, 6.0)
@@ -103,8 +103,8 @@ def copied(target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start:
 
 @pytest.mark.parametrize("length", [0, 1, 31, 32, 33, 40])
 @pytest.mark.parametrize(("at", "start"), [(0, 0), (3, 60), (60, 3), (59, 59)])
-def test_text_is_copied_up_to_the_ends_of_both(length: int, at: int, start: int):
-    """Behind it, within 32 bytes, may be anything: the next text goes there."""
+def test_a_copied_text_stays_within_source_and_target(length: int, at: int, start: int):
+    """Up to 32 bytes after the text may hold anything, as the next text is written there."""
     source = np.arange(1, 101, dtype=np.uint8)
     for run in (copied, compiled(copied)):
         memory = np.zeros(140, dtype=np.uint8)
@@ -118,7 +118,7 @@ def test_text_is_copied_up_to_the_ends_of_both(length: int, at: int, start: int)
 
 
 @pytest.mark.parametrize("gap", [0, 5, 40])
-def test_text_is_copied_behind_itself(gap: int):
+def test_a_text_can_be_copied_within_one_buffer(gap: int):
     for run in (copied, compiled(copied)):
         text = np.arange(1, 101, dtype=np.uint8)
         run(text, 20 + gap, text, 0, 20)
@@ -127,7 +127,7 @@ def test_text_is_copied_behind_itself(gap: int):
 
 
 def python(code: str, *folders: Path, cache: Path | None = None) -> str:
-    """What a fresh Python prints; without bytecode, in which an edit within a second might not be seen."""
+    """Output of a new Python process, without bytecode files, which could miss an edit within a second."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
     if cache is not None:
         env["XDG_CACHE_HOME"] = str(cache)
@@ -141,7 +141,7 @@ FOLDERS = [source.parent for source in SOURCES]
 
 
 def cache_of(*folders: Path) -> str:
-    """The name of the cache of the tick's machine code where the packages are found in these folders."""
+    """Name of the cache folder for the tick's machine code if the packages are in these folders."""
     return python(
         "from liftgate_hil.loop.tick import tick; import liftgate_compiler as compiler;"
         "print(compiler.cache_folder(tick).name)",
@@ -149,7 +149,7 @@ def cache_of(*folders: Path) -> str:
     )
 
 
-def test_an_edit_of_either_package_asks_for_new_machine_code_wherever_they_are_installed(tmp_path: Path):
+def test_an_edit_of_either_package_needs_new_machine_code_wherever_it_is_installed(tmp_path: Path):
     for source in SOURCES:  # beside each other, as a wheel puts them
         shutil.copytree(source, tmp_path / source.name)
     found = [cache_of(tmp_path)]
@@ -221,7 +221,7 @@ def rows():
 
 
 def package_in(place: Path) -> Path:
-    """A folder with the package `gatelike`."""
+    """A folder with the test package `gatelike`."""
     folder = place / "gatelike"
     folder.mkdir()
     for name, text in PACKAGE.items():
@@ -241,7 +241,7 @@ def replace(path: Path, old: str, new: str) -> None:
 
 
 def caches_of(package: Path) -> tuple[str, str]:
-    """The names of the caches of `large` and `small`."""
+    """Names of the cache folders of the entry points `large` and `small`."""
     large, small = python(
         "from gatelike import entries; from liftgate_compiler import cache_folder;"
         "print(cache_folder(entries.large).name, cache_folder(entries.small).name)",
@@ -253,11 +253,11 @@ def caches_of(package: Path) -> tuple[str, str]:
 
 @pytest.fixture(scope="module")
 def caches_before(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """The names of the caches without an edit, of a package in another place."""
+    """Names of the cache folders of an unedited package in another folder."""
     return caches_of(package_in(tmp_path_factory.mktemp("before")))
 
 
-def test_a_package_that_nobody_has_edited_has_the_same_machine_code(package: Path, caches_before: tuple[str, str]):
+def test_an_unedited_package_uses_the_same_machine_code(package: Path, caches_before: tuple[str, str]):
     assert caches_of(package) == caches_before
 
 
@@ -274,7 +274,7 @@ def test_a_package_that_nobody_has_edited_has_the_same_machine_code(package: Pat
         ("constants.py", "OTHER = 1.0", "OTHER = 3.0", (False, False)),
     ],
 )
-def test_an_edit_asks_for_new_machine_code_of_what_uses_it_and_of_nothing_else(
+def test_an_edit_needs_new_machine_code_only_of_the_functions_that_use_it(
     package: Path, caches_before: tuple[str, str], file: str, old: str, new: str, changes: tuple[bool, bool]
 ):
     replace(package / "gatelike" / file, old, new)
@@ -296,7 +296,7 @@ print(known, is_cached(large), answer, "numba" in sys.modules, "scipy.linalg" in
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
-def test_machine_code_is_kept_until_what_it_is_made_of_changes(package: Path, tmp_path: Path):
+def test_machine_code_is_kept_until_its_sources_change(package: Path, tmp_path: Path):
     home = tmp_path / "cache"
     first = USE.format(first="", last="")
     fresh, again = (
@@ -355,7 +355,7 @@ print([{calls}])
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
-def test_machine_code_that_was_spoilt_is_made_anew(tmp_path: Path):
+def test_corrupted_machine_code_is_compiled_again(tmp_path: Path):
     """Each entry point's in another way; compiled twice, so that this takes a while."""
     expected = f"{[float(place) for place in range(len(SPOILS))]}\n"
     assert python(SEVERAL, *FOLDERS, cache=tmp_path) == expected
@@ -372,7 +372,7 @@ def test_machine_code_that_was_spoilt_is_made_anew(tmp_path: Path):
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
-def test_where_nothing_can_be_kept_it_compiles_all_the_same(tmp_path: Path):
+def test_without_a_writable_cache_functions_are_still_compiled(tmp_path: Path):
     file = tmp_path / "file"
     file.touch()
     assert python(SMALL, *FOLDERS, cache=file) == "{(2.0, 3.0)}\n"
@@ -382,7 +382,7 @@ def test_where_nothing_can_be_kept_it_compiles_all_the_same(tmp_path: Path):
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
-def test_others_may_still_multiply_matrices_with_numba(tmp_path: Path):
+def test_other_packages_can_still_multiply_matrices_with_numba(tmp_path: Path):
     code = """
 from liftgate_compiler import compiled
 def entry(x: float) -> float:
@@ -424,7 +424,7 @@ if __name__ == "__main__":
 """
 
 
-def test_processes_that_begin_together_compile_once(tmp_path: Path):
+def test_processes_started_together_compile_once(tmp_path: Path):
     program = tmp_path / "long.py"
     program.write_text(_LONG % "\n    ".join(40 * ["x = x + 1.0 if x > 0.0 else x * 2.0"]))
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}

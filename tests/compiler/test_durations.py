@@ -1,4 +1,4 @@
-"""How long a compilation took the last time is known the next time."""
+"""Recorded durations of compilations, for estimates of the next ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return own
 
 
-def test_each_entry_point_has_its_own_and_the_last_one_counts(folder: Path) -> None:
+def test_the_last_duration_of_each_entry_point_is_kept(folder: Path) -> None:
     assert expected_s("run_realtime") is None
     note_duration("run_realtime", 30.04)
     note_duration("run_stretch", 20.0)
@@ -29,14 +29,14 @@ def test_each_entry_point_has_its_own_and_the_last_one_counts(folder: Path) -> N
 @pytest.mark.parametrize(
     "content", ["", "[]", "5", '{"x": "y"}', '{"x": -1}', '{"x": 1e99}', '{"x": NaN}', "{", "\x00"]
 )
-def test_what_makes_no_sense_is_not_known(folder: Path, content: str) -> None:
+def test_a_corrupted_file_of_durations_is_ignored(folder: Path, content: str) -> None:
     (folder / "durations.json").write_text(content)
     assert expected_s("x") is None
     note_duration("x", 3.0)
     assert expected_s("x") == 3.0
 
 
-def test_where_nothing_can_be_kept_nothing_is_known(folder: Path) -> None:
+def test_without_a_writable_cache_no_duration_is_known(folder: Path) -> None:
     folder.rmdir()
     note_duration("x", 3.0)
     assert expected_s("x") is None

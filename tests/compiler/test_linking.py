@@ -1,4 +1,4 @@
-"""How compiled code is put together: entry points with all that they call, helpers in nothing else."""
+"""Linking of compiled code: entry points with all that they call; helpers are inlined only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
 
 @pytest.fixture(scope="module", autouse=True)
 def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """So that everything here is compiled."""
+    """Use an empty cache, so that everything is compiled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
@@ -80,7 +80,7 @@ def made_code(function: Any) -> bytes:
     return b"".join(each.data() for each in sections if each.is_text())
 
 
-def test_helpers_of_several_entry_points_are_inlined_and_nothing_else_of_them_is_left():
+def test_helpers_shared_by_entry_points_are_inlined_without_remains():
     assert compiled(diamond)(3.0) == diamond(3.0) == 35.0
     assert compiled(other_entry)(3.0) == other_entry(3.0)
     assert len(made_code(diamond)) < 1000
@@ -91,7 +91,7 @@ def absent(name: str) -> str:
     raise metadata.PackageNotFoundError(name)
 
 
-def test_only_versions_of_numba_are_allowed_that_were_tried(monkeypatch: pytest.MonkeyPatch):
+def test_only_tested_versions_of_numba_are_allowed(monkeypatch: pytest.MonkeyPatch):
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lowest, highest = building.NUMBA
     assert f"numba>={lowest},<={highest}" in project["dependencies"]
@@ -116,13 +116,13 @@ def test_outlined_code_is_a_separate_function():
         compiled(calling)(500.0)
 
 
-def test_what_code_raises_is_reported_with_its_name():
+def test_an_exception_in_machine_code_is_reported_with_its_name():
     with pytest.raises(RuntimeError, match="diamond raised an exception in machine code"):
         compiled(diamond)(1000.0)
     assert compiled(diamond)(3.0) == 35.0
 
 
-def test_others_may_call_helpers_too():
+def test_other_numba_code_can_call_helpers_too():
     import numba
 
     made_object(diamond)  # numba knows the helpers from now on

@@ -1,4 +1,4 @@
-"""What goes into machine code and comes out of it, and where it is kept."""
+"""Arguments and results of machine code, and its cache."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty one."""
+    """An empty cache folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return tmp_path / "liftgate-hil"
 
 
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each compilation in a process of its own, as usual."""
+    """Compile in a process of its own each time, as is the default."""
     monkeypatch.setattr(child._Kept, "users", 0)
     monkeypatch.setattr(child._Kept, "compiler", None)
 
 
 class NotingWatcher(Watcher):
-    """Keeps what it is told."""
+    """Watcher that keeps the messages of the compiler."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
@@ -103,7 +103,7 @@ def turned(mixed: Mixed, more: tuple[int, float]) -> tuple[Mixed, bool, float, N
     x=st.floats(allow_nan=False),
     more=st.integers(0, 0),
 )
-def test_each_value_arrives_and_comes_back(flag: bool, count: int, x: float, more: int):
+def test_each_kind_of_value_is_passed_in_and_returned(flag: bool, count: int, x: float, more: int):
     mixed = Mixed(flag, count, Point(x, -0.0), None, np.arange(3.0))
     found, is_positive, product, nothing = compiled(turned)(mixed, (more, 2.0))
     assert found == Mixed(not flag, count, Point(-0.0, x), None, mixed.row)
@@ -120,7 +120,7 @@ def first_of(row: NDArray[Any]) -> float:
     return row[0] + row[len(row) - 1]
 
 
-def test_what_is_not_as_before_gets_code_of_its_own():
+def test_arguments_of_another_kind_get_machine_code_of_their_own():
     row = np.arange(6.0)
     entry = compiled(first_of)
     before = len(entry.kinds)
@@ -137,7 +137,7 @@ def test_what_is_not_as_before_gets_code_of_its_own():
     assert entry(fixed) == 5.0
 
 
-def test_numbers_of_numpy_are_numbers():
+def test_numpy_scalars_are_accepted_as_numbers():
     mixed = Mixed(np.bool_(True), np.int64(3), Point(np.float64(1.0), 2), None, np.arange(3.0))
     found, *_ = compiled(turned)(mixed, (np.int32(1), 1.0))
     assert found[:3] == (False, 4, (2.0, 1.0))
@@ -147,13 +147,13 @@ def scaled(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def test_a_whole_number_where_a_real_one_was_is_taken_as_one():
+def test_an_integer_in_place_of_a_float_is_converted():
     assert compiled(scaled)(1.5, 2.0) == 3.0
     assert compiled(scaled)(2, 2.0) == 4.0
 
 
 @pytest.mark.parametrize("bad", ["text", [1.0], {"a": 1}, object()], ids=lambda each: type(each).__name__)
-def test_what_machine_code_cannot_be_given_is_refused_by_name(bad: Any):
+def test_unsupported_arguments_are_refused_by_name(bad: Any):
     with pytest.raises(TypeError, match=f"was given {type(bad).__name__}; allowed: int, float"):
         compiled(scaled)(bad, 2.0)
 
@@ -168,7 +168,7 @@ def window(row: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     return row[1:], 1.0
 
 
-def test_an_array_that_python_does_not_have_is_not_returned():
+def test_an_array_that_is_no_argument_cannot_be_returned():
     with pytest.raises(RuntimeError, match="window returns an array that is not one of its arguments"):
         compiled(window)(np.arange(3.0))
 
@@ -190,14 +190,14 @@ def item_of_spaced(at: int) -> float:
 
 
 @pytest.mark.parametrize("entry", [item_of_large, item_of_spaced], ids=lambda each: each.__name__)
-def test_code_that_has_the_compiling_process_s_addresses_in_it_is_not_kept(entry: Any, cache: Path):
+def test_machine_code_with_addresses_of_the_compiling_process_is_not_cached(entry: Any, cache: Path):
     with pytest.raises(TypeError, match="constant array by its address"):
         compiled(entry)(3)
     assert not list(cache.rglob("*.code"))
 
 
 class Rows(np.ndarray):
-    """A subclass that machine code does not know."""
+    """An array subclass that machine code does not support."""
 
 
 def test_an_array_of_an_unknown_type_is_refused():
@@ -210,7 +210,7 @@ def test_a_number_of_more_than_64_bits_is_refused():
         compiled(lambda count: count + 1)(2**64)
 
 
-def test_arrays_lie_in_memory_as_is_taken_for_granted():
+def test_the_memory_layout_of_arrays_is_as_assumed():
     assert packing.is_as_expected()
 
 
@@ -224,13 +224,13 @@ KINDS: list[Kind] = [
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=text_of)
-def test_a_kind_survives_being_written_down(kind: Kind):
+def test_a_kind_of_argument_is_serialized_and_read_back(kind: Kind):
     assert from_plain(plain(kind)) == kind
     size, unpack = unpacker(kind)
     assert kind_of(unpack(bytes(size))) == kind
 
 
-def test_code_is_of_the_names_of_fields_too():
+def test_machine_code_depends_on_the_names_of_fields_too():
     before, after = (NamedTuple("Pair", [(name, float) for name in names]) for names in ("ab", "ba"))
     kinds = [kind_of(each(1.0, 2.0)) for each in (before, after)]
     assert text_of(kinds[0]) != text_of(kinds[1])
@@ -257,7 +257,7 @@ class Turned(NamedTuple):
     x: float
 
 
-def test_what_only_looks_alike_is_not_packed():
+def test_similar_arguments_of_another_type_are_not_packed():
     record = np.dtype([("a", "f8"), ("b", "f8")])
     rows = (np.zeros(2), np.zeros(2))
     given = ((True, Point(1.0, 2.0), rows), np.zeros(1, record))
@@ -274,7 +274,7 @@ def test_what_only_looks_alike_is_not_packed():
         assert pack((inner, table)) is None
 
 
-def test_an_array_of_the_other_byte_order_is_not_read_as_one_of_ours():
+def test_an_array_of_foreign_byte_order_is_refused():
     row = np.arange(6.0)
     assert compiled(first_of)(row) == 5.0
     with pytest.raises(Exception, match=packing.SWAPPED + "f8"):
@@ -286,14 +286,14 @@ def double(x: float) -> float:
 
 
 def made(told: NotingWatcher) -> float:
-    """A fresh look at the disk."""
+    """Compile or load the entry point after a new look at the disk."""
     told.said.clear()
     answer = obtaining.machine_code_of(double, (NumberKind("f"),)).call((4.0,))
     assert answer == (True, 8.0)
     return answer[1]
 
 
-def test_it_is_compiled_once(told: NotingWatcher, cache: Path):
+def test_a_function_is_compiled_once_and_then_loaded(told: NotingWatcher, cache: Path):
     made(told)
     assert told.said == ["compiles double"]
     made(told)
@@ -303,7 +303,7 @@ def test_it_is_compiled_once(told: NotingWatcher, cache: Path):
 
 
 @pytest.mark.parametrize("which", ["the root", "the folder", "the file"])
-def test_what_others_may_write_is_not_run(told: NotingWatcher, cache: Path, which: str):
+def test_machine_code_that_others_may_write_is_not_run(told: NotingWatcher, cache: Path, which: str):
     made(told)
     (file,) = cache.rglob("*.code")
     spoilt = {"the root": cache, "the folder": file.parent, "the file": file}[which]
@@ -313,7 +313,7 @@ def test_what_others_may_write_is_not_run(told: NotingWatcher, cache: Path, whic
     assert f"not kept: others may write to {spoilt}" in told.said
 
 
-def test_what_belongs_to_another_user_is_not_run(
+def test_machine_code_of_another_user_is_not_run(
     told: NotingWatcher, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
     made(told)
@@ -322,7 +322,7 @@ def test_what_belongs_to_another_user_is_not_run(
     assert told.said == [f"not kept: {cache} belongs to another user", "compiles double"]
 
 
-def test_a_link_to_code_elsewhere_is_not_followed(told: NotingWatcher, cache: Path, tmp_path: Path):
+def test_a_symbolic_link_to_machine_code_is_not_followed(told: NotingWatcher, cache: Path, tmp_path: Path):
     made(told)
     (file,) = cache.rglob("*.code")
     file.rename(tmp_path / "elsewhere.code")
@@ -331,7 +331,7 @@ def test_a_link_to_code_elsewhere_is_not_followed(told: NotingWatcher, cache: Pa
     assert "compiles double" in told.said
 
 
-def test_code_that_was_kept_for_something_else_is_not_run(told: NotingWatcher, cache: Path):
+def test_machine_code_cached_for_another_function_is_not_run(told: NotingWatcher, cache: Path):
     made(told)
     (file,) = cache.rglob("*.code")
     stored = storage.read(file)
@@ -344,7 +344,7 @@ def test_code_that_was_kept_for_something_else_is_not_run(told: NotingWatcher, c
     assert told.said == ["compiles double"]
 
 
-def test_a_full_disk_is_reported_and_costs_only_time(
+def test_a_full_disk_is_reported_and_the_code_still_runs(
     told: NotingWatcher, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def full(*_: Any) -> None:
@@ -356,7 +356,7 @@ def test_a_full_disk_is_reported_and_costs_only_time(
 
 
 class Impatient(Watcher):
-    """Gives up at once."""
+    """Watcher that cancels at once."""
 
     def compiles(self, name: str, seconds: float) -> None:
         raise KeyboardInterrupt
@@ -373,7 +373,7 @@ def impatient() -> Iterator[None]:
     compiler.unwatch(watcher)
 
 
-def test_a_compilation_can_be_given_up(apart: None, impatient: None, cache: Path):
+def test_a_compilation_can_be_cancelled(apart: None, impatient: None, cache: Path):
     with pytest.raises(KeyboardInterrupt):
         obtaining.machine_code_of(double, (NumberKind("f"),))
     assert not list(cache.rglob("*.code"))
@@ -384,7 +384,7 @@ def test_a_compilation_can_be_given_up(apart: None, impatient: None, cache: Path
     assert told.said == ["compiles double"]
 
 
-def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
+def test_watchers_can_be_removed_in_any_order():
     first, second, before = NotingWatcher(), NotingWatcher(), obtaining.watcher()
     compiler.watch(first)
     compiler.watch(second)
@@ -394,7 +394,7 @@ def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
     assert obtaining.watcher() is before
 
 
-def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path):
+def test_waiting_for_another_process_can_be_cancelled(impatient: None, cache: Path):
     folder = building.folder_of(double)
     with storage.turn(folder) as turn:
         assert turn.taken()
@@ -402,8 +402,8 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
             obtaining.machine_code_of(double, (NumberKind("f"),))
 
 
-def test_a_file_system_without_locks_keeps_machine_code(cache: Path, monkeypatch: pytest.MonkeyPatch):
-    """Lustre says ENOSYS: several processes may then compile the same."""
+def test_machine_code_is_cached_on_a_file_system_without_locks(cache: Path, monkeypatch: pytest.MonkeyPatch):
+    """Lustre returns ENOSYS: several processes may then compile the same function."""
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
@@ -414,7 +414,7 @@ def test_a_file_system_without_locks_keeps_machine_code(cache: Path, monkeypatch
     assert storage.read(building.file_of(double, kinds)) is not None
 
 
-def test_what_a_killed_process_has_left_in_the_cache_is_removed(cache: Path):
+def test_temporary_files_of_a_killed_process_are_removed_from_the_cache(cache: Path):
     folder = building.folder_of(double)
     with storage.turn(folder):
         left = folder / files.name_beside("code")
@@ -425,7 +425,7 @@ def test_what_a_killed_process_has_left_in_the_cache_is_removed(cache: Path):
 
 @pytest.fixture
 def started(apart: None, monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """The compiler's processes."""
+    """List of the compiler's processes."""
     found: list[subprocess.Popen[bytes]] = []
 
     class Noted(subprocess.Popen[bytes]):
@@ -441,7 +441,7 @@ def request_of(function: Any) -> child.CompileRequest:
     return child.CompileRequest(function, (NumberKind("f"),), building.key_of(function))
 
 
-def test_giving_up_ends_the_process_that_compiles(
+def test_cancelling_ends_the_compiling_process(
     started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
     def give_up() -> None:
@@ -487,7 +487,7 @@ def test_entry_points_that_share_a_process_get_the_same_machine_code(started: li
     assert [text_sections(each.code) for each in alone] == [text_sections(each.code) for each in shared]
 
 
-def test_a_process_that_is_killed_while_it_compiles_is_reported(
+def test_a_killed_compiling_process_is_reported(
     started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
     def kill() -> None:
@@ -499,7 +499,7 @@ def test_a_process_that_is_killed_while_it_compiles_is_reported(
     assert [each.returncode for each in started] == [-9]
 
 
-def test_a_process_that_does_not_read_is_waited_for_no_longer_than_the_caller_likes(
+def test_waiting_for_a_compiling_process_that_does_not_read_can_be_cancelled(
     started: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
     looks = []
@@ -516,7 +516,7 @@ def test_a_process_that_does_not_read_is_waited_for_no_longer_than_the_caller_li
     assert [each.returncode for each in started] == [-9]
 
 
-def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
+def test_a_forked_process_does_not_end_its_parents_compiler(apart: None):
     with child.sharing():
         assert child.compile_apart(request_of(double), lambda: None) is not None
         kept = child._Kept.compiler
@@ -528,7 +528,7 @@ def test_a_forked_process_leaves_the_compiler_to_its_parent(apart: None):
         assert kept._process.poll() is None
 
 
-def test_the_other_process_gives_nothing_where_its_sources_are_others(apart: None):
+def test_a_compiling_process_with_other_sources_returns_nothing(apart: None):
     request = child.CompileRequest(double, (NumberKind("f"),), "another key")
     assert child.compile_apart(request, lambda: None) is None
 
@@ -540,7 +540,7 @@ def test_an_error_in_the_code_is_reported_by_numba():
         compiled(lambda x: x.unknown)(1.0)
 
 
-def test_a_start_with_machine_code_on_the_disk_does_without_the_compiler():
+def test_a_start_with_cached_machine_code_does_not_import_numba():
     code = (
         "import sys; from tests.compiler import test_machine_code as t; "
         "from liftgate_compiler import compiled; "

@@ -1,4 +1,4 @@
-"""Files are there whole, or as they were before; what killed processes leave is removed, and nothing else."""
+"""Atomic files: complete or unchanged; files left by killed processes are removed, and no others."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def refusing(number: int) -> Callable[..., Any]:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """A file that there is."""
+    """An existing file."""
     found = tmp_path / "report.html"
     found.write_bytes(b"before")
     return found
@@ -43,7 +43,7 @@ def test_a_file_is_replaced_with_its_permissions(tmp_path: Path, path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
+def test_a_symbolic_link_is_kept_and_its_target_written(tmp_path: Path) -> None:
     path, link = tmp_path / "report.html", tmp_path / "latest.html"
     link.symlink_to(path.name)
     write_whole(link, b"content")
@@ -76,7 +76,7 @@ def test_a_pipe_by_the_name_of_its_descriptor_is_written_to() -> None:
         assert stream.read() == b"content"
 
 
-def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
+def test_an_unlinked_file_is_written_by_its_descriptor(tmp_path: Path) -> None:
     with (tmp_path / "gone").open("w+b") as stream:
         (tmp_path / "gone").unlink()
         write_whole(Path(f"/dev/fd/{stream.fileno()}"), b"content")
@@ -85,7 +85,7 @@ def test_a_file_without_a_name_is_written_to(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [errno.EBUSY, errno.EPERM, errno.EACCES, errno.EROFS, errno.EINVAL])
-def test_a_file_that_cannot_be_replaced_is_written_to(
+def test_a_file_that_cannot_be_replaced_is_written_in_place(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     path.write_bytes(b"before, and longer")
@@ -99,7 +99,7 @@ def test_a_file_that_cannot_be_replaced_is_written_to(
 
 
 @pytest.mark.parametrize("place", ["beside", "spooled"])
-def test_what_cannot_be_replaced_stays_where_there_is_no_room(
+def test_a_file_that_cannot_be_replaced_stays_if_the_disk_is_full(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     """Neither beside its place nor, as the folder takes no file, in a temporary one."""
@@ -118,7 +118,7 @@ def test_what_cannot_be_replaced_stays_where_there_is_no_room(
     assert path.read_bytes() == b"less"
 
 
-def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
+def test_a_failed_copy_leaves_the_complete_content_beside_the_file(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
@@ -131,7 +131,7 @@ def test_a_copy_that_fails_half_way_leaves_the_whole_content_beside(
 
 
 @pytest.mark.parametrize("is_replaceable", [True, False])
-def test_what_a_writer_raises_leaves_the_file_and_closes_it(
+def test_an_exception_of_the_writer_leaves_the_file_unchanged_and_closes_it(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, is_replaceable: bool
 ) -> None:
     streams = []
@@ -163,7 +163,7 @@ def test_a_file_keeps_its_owner(path: Path) -> None:
 
 
 class Faults:
-    """Counts operations, of which one fails."""
+    """Counts file operations, one of which fails."""
 
     def __init__(self, at: int, number: int) -> None:
         self._at, self._number, self._count = at, number, 0
@@ -209,7 +209,7 @@ def faulty(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], Fau
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC, errno.EDQUOT])
 @pytest.mark.parametrize("before", [b"before", None])
-def test_whatever_fails_the_file_is_as_it_was_and_nothing_is_left(
+def test_any_failing_operation_leaves_the_file_unchanged_and_no_temporary_files(
     tmp_path: Path, faulty: Callable[[int, int], Faults], before: bytes | None, number: int
 ) -> None:
     path, seen = tmp_path / "report.json", set[str]()
@@ -231,10 +231,10 @@ def test_whatever_fails_the_file_is_as_it_was_and_nothing_is_left(
 
 
 @pytest.mark.parametrize("fails", ["fsync", "fchmod", None])
-def test_an_error_of_closing_is_told_only_by_those_before_it(
+def test_an_error_on_close_is_reported_only_before_the_data_are_on_disk(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
 ) -> None:
-    """What was brought to the disk is there, however its descriptor is closed."""
+    """Once the data are on disk, an error on closing the descriptor does no harm."""
     close = os.close
 
     def failing(descriptor: int) -> None:
@@ -268,14 +268,14 @@ def test_a_link_that_cannot_be_read_is_not_replaced(
     assert path.read_bytes() == b"before"
 
 
-def test_a_writer_may_close_the_stream(tmp_path: Path) -> None:
+def test_a_writer_can_close_the_stream_itself(tmp_path: Path) -> None:
     with whole_file(tmp_path / "results.parquet") as stream:
         stream.write(b"all")
         stream.close()
     assert (tmp_path / "results.parquet").read_bytes() == b"all"
 
 
-def test_a_file_that_shall_be_new_takes_nobodys_place(tmp_path: Path) -> None:
+def test_a_new_file_never_replaces_an_existing_one(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     write_whole(path, b"first", is_new=True)
     with pytest.raises(FileExistsError):
@@ -293,7 +293,7 @@ def test_a_file_that_shall_be_new_takes_nobodys_place(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_file_system_without_links_renames_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_hard_links_a_new_file_is_made_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "link", refusing(errno.EPERM))
     (tmp_path / "one").write_bytes(b"one")
     (tmp_path / "two").write_bytes(b"two")
@@ -304,7 +304,7 @@ def test_a_file_system_without_links_renames_too(tmp_path: Path, monkeypatch: py
     assert (tmp_path / "two").read_bytes() == b"two"
 
 
-def test_permissions_that_are_given_hold_for_a_file_that_is_replaced(path: Path) -> None:
+def test_requested_permissions_apply_to_a_replaced_file(path: Path) -> None:
     path.chmod(0o666)
     write_whole(path, b"after", mode=0o600)
     assert path.stat().st_mode & 0o777 == 0o600
@@ -314,7 +314,7 @@ def test_permissions_that_are_given_hold_for_a_file_that_is_replaced(path: Path)
 
 
 def leave(folder: Path, name: str) -> Path:
-    """Kill a process while it writes a file, and return what it leaves."""
+    """Kill a process while it writes a file, and return the files that it leaves."""
     code = f"""
 import os, signal
 from pathlib import Path
@@ -328,7 +328,7 @@ with whole_file(Path({str(folder / name)!r})) as stream:
     return left
 
 
-def test_what_a_killed_process_has_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+def test_files_left_by_a_killed_process_are_removed_and_no_others(tmp_path: Path) -> None:
     left, other = leave(tmp_path, "report.html"), leave(tmp_path, "verdicts.json")
     theirs = [tmp_path / name for name in (".report.html.swp", "report.html", ".report.html.liftgate-1")]
     for each in theirs:
@@ -345,7 +345,7 @@ def test_what_a_killed_process_has_left_is_removed_and_nothing_else(tmp_path: Pa
 
 
 @pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
-def test_without_locks_files_are_written_and_leftovers_stay(
+def test_without_file_locks_files_are_written_and_leftovers_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     left = tmp_path / name_beside("report.html")
@@ -359,7 +359,7 @@ def test_without_locks_files_are_written_and_leftovers_stay(
     assert (tmp_path / "report.html").read_bytes() == b"whole"
 
 
-def test_a_writer_whose_file_was_taken_for_a_leftover_takes_another(
+def test_a_writer_whose_temporary_file_was_removed_uses_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     removed: list[int] = []

@@ -1,4 +1,4 @@
-"""Values that can be told apart."""
+"""Distinct values for every field of a NamedTuple."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 
 
 def distinct(kind: type[Any], numbers: Iterator[float] | None = None) -> Any:
-    """A NamedTuple, and all that it holds, of numbers of which no two are alike: 1.5, 2.5, …"""
+    """A NamedTuple whose numbers, nested ones too, are all different: 1.5, 2.5, …"""
     numbers = count(1.5) if numbers is None else numbers
     hints = get_type_hints(kind)
     return kind(

@@ -80,7 +80,7 @@ def fill(plant: Plant, profile: FrictionProfile, state: State, inputs: Inputs, h
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
-    """The states before and after each of n steps of h seconds."""
+    """Return the states before and after each of n steps of h seconds."""
     rows = np.empty((n + 1, len(COLUMNS)))
     fill(plant, LAW, state, inputs, h, rows)
     return rows
@@ -113,13 +113,13 @@ def load(vehicle: Vehicle, **changes: Any) -> Load:
 
 
 def inputs(vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any) -> Inputs:
-    """Inputs with the latch released; the right drive does as the left where it isn't given."""
+    """Inputs with the latch released; the right drive gets the left one's input if none is given."""
     drives = (last_bits.off(each, "command") for each in (left, left if right is None else right))
     return Inputs(*drives, load(vehicle, **changes))
 
 
 def at_rest(vehicle: Vehicle, angle_deg: float, latched: bool = False) -> State:
-    """The gate at rest at an angle, drives in the middle of their play."""
+    """The gate at rest at an angle [rad], drives in the middle of their play."""
     angle = last_bits.off(math.radians(angle_deg), "angle")
     return initial_state(plant_of(vehicle), angle, latched)
 
@@ -134,7 +134,7 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
 
 
 def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> Inputs:
-    """A phase of the event solution as inputs of the plant, of the first of its steps."""
+    """Inputs of the plant for the first step of a phase of the event solution."""
     changes: dict[str, Any] = {
         "external_torque": phase.external_torque,
         "wind_pressure": phase.wind_pressure,

@@ -1,4 +1,4 @@
-"""The bodies of the plant, one by one, against closed forms and independent numerics."""
+"""Components of the plant, one by one, against closed forms and independent numerics."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def coupled_windings(windings, source_resistance, source, currents, speeds, ends
     source_resistance=st.sampled_from([0.0, 0.03, 0.5]),
     step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]),
 )
-def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
+def test_currents_of_coupled_windings_agree_with_the_matrix_exponential(
     duties, inductances, resistances, currents, speeds, changes, rises, source_resistance, step
 ) -> None:
     windings = [
@@ -97,7 +97,7 @@ def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
 
 
 @pytest.mark.parametrize("z", [-1e-9, -0.1, -0.4999, -0.5001, -16.0, -200.0])
-def test_phi_functions_are_the_integrals_they_stand_for(z: float) -> None:
+def test_phi_functions_agree_with_their_integrals(z: float) -> None:
     values = motor.phi_functions(z)
     assert values[0] == pytest.approx(math.exp(z), rel=ROUND_OFF)
     for k in (1, 2, 3):
@@ -105,7 +105,7 @@ def test_phi_functions_are_the_integrals_they_stand_for(z: float) -> None:
         assert values[k] == pytest.approx(exact, rel=1e-7)  # quad's own accuracy
 
 
-def test_the_terminal_voltage_falls_with_what_both_bridges_draw() -> None:
+def test_the_terminal_voltage_falls_with_the_current_of_both_bridges() -> None:
     assert supply.terminal_voltage(12.0, 0.05, 10.0, 2.0) == pytest.approx(11.4)
     assert supply.terminal_voltage(12.0, 0.05, -10.0, 0.0) == pytest.approx(12.5)
 
@@ -122,13 +122,13 @@ def test_the_terminal_voltage_falls_with_what_both_bridges_draw() -> None:
         (bridge.COAST, bridge.DriveInput(0.0, 0.0, 1.0)),
     ],
 )
-def test_bridge_states_apply_what_the_table_says(state, expected) -> None:
+def test_bridge_states_apply_the_voltages_of_their_table(state, expected) -> None:
     assert bridge.drive_input(state, 0.7) == expected
 
 
 @CALM
 @given(current=st.floats(-20, 20), emf=st.floats(-11, 11), step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]))
-def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, step) -> None:
+def test_a_coasting_current_decays_to_zero_through_the_diodes(current, emf, step) -> None:
     resistance, inductance, limit = 0.708, 4.37e-5, 13.4
     result = bridge.coasting(current, emf, resistance, inductance, limit, 0.0, step)
     if current == 0.0:
@@ -159,8 +159,8 @@ def test_a_fast_coasting_motor_charges_the_source() -> None:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_coasting_motor_that_becomes_too_fast_within_a_step_charges_the_source_from_there(way):
-    """From 13.3 V by 0.4 V over the step, against a limit of 13.4 V."""
+def test_a_coasting_motor_that_overspeeds_within_a_step_charges_the_source_from_there_on(way):
+    """EMF rises from 13.3 V by 0.4 V over the step, against a limit of 13.4 V."""
     result = bridge.coasting(0.0, way * 13.3, 0.708, 4.37e-5, 13.4, 0.4, 1e-3)
     assert result == pytest.approx((0.0, way * 13.4, 0.0, 0.25e-3), abs=1e-12)
     slower = bridge.coasting(0.0, way * 13.3, 0.708, 4.37e-5, 13.4, 0.09, 1e-3)
@@ -188,7 +188,7 @@ def test_friction_falls_from_static_to_coulomb_over_the_stribeck_speed() -> None
     assert friction.level(plain, 1e-9) == 2.0
 
 
-def test_breaking_loose_costs_only_what_holding_took() -> None:
+def test_friction_while_breaking_away_is_the_rising_torque_until_the_limit() -> None:
     limit, final, decay, step = 1.0, 10.0, 16000.0, 1e-3
     mean = friction.breakaway(limit, 0.0, final, decay, step)
     # Friction follows the rising torque until it is exceeded, and is the limit from there on.
@@ -197,7 +197,7 @@ def test_breaking_loose_costs_only_what_holding_took() -> None:
     assert friction.breakaway(limit, 2.0, final, decay, step) == limit
 
 
-def test_a_shaft_turns_back_only_when_it_is_driven_beyond_friction() -> None:
+def test_a_shaft_turns_back_only_if_driven_beyond_its_friction() -> None:
     assert friction.turns(1.0, 0.5, -2.0)
     assert not friction.turns(1.0, 5.0, -2.0 + 5.0)
     assert not friction.turns(1.0, 0.1, -0.5)  # it stops, and friction holds it
@@ -206,7 +206,7 @@ def test_a_shaft_turns_back_only_when_it_is_driven_beyond_friction() -> None:
 # Transmission.
 
 
-def test_cold_makes_the_gear_slower() -> None:
+def test_cold_increases_the_gears_friction() -> None:
     assert transmission.temperature_factor(0.01, 20.0) == 1.0
     assert transmission.temperature_factor(0.01, -30.0) == pytest.approx(1.5)
     assert transmission.temperature_factor(0.0, -55.0) == 1.0
@@ -223,7 +223,7 @@ def test_cold_makes_the_gear_slower() -> None:
         (-0.15, 200.0, 0.0),
     ],
 )
-def test_the_mechanism_pushes_only_beyond_the_play(extension, rate, expected) -> None:
+def test_the_mechanism_transmits_force_only_beyond_its_play(extension, rate, expected) -> None:
     force = transmission.mechanism_force(100.0, 0.1, 0.05, extension, rate)
     assert force == pytest.approx(expected)
 
@@ -258,7 +258,7 @@ def test_the_mean_force_of_a_contact_is_its_integral(depth, rate, change, dampin
 
 
 @pytest.mark.parametrize("number", [0.5, 1.2, 5.0, 1e6])
-def test_a_contact_of_any_stiffness_does_not_gain_energy(number: float) -> None:
+def test_a_contact_of_any_stiffness_gains_no_energy(number: float) -> None:
     # One mass on a spring that never opens, k h²/m = number, through Newmark's momentum balance.
     step, stiffness, mobility = 1e-3, 1.0, number / 1e-6
     when = contact.PushWindow(0.0, 1.0)
@@ -277,20 +277,20 @@ def test_a_contact_of_any_stiffness_does_not_gain_energy(number: float) -> None:
 # Spring, seal, gate, obstacle, latch, environment.
 
 
-def test_a_gas_spring_is_progressive_and_follows_temperature() -> None:
+def test_the_force_of_a_gas_spring_is_progressive_and_rises_with_temperature() -> None:
     gas = spring.Spring(0.0, 0.0, 1e6, 1e3, 500.0, 1.4, 1.0)
     assert spring.force(gas, 0.25, 0.25, 20.0) == pytest.approx(500.0)
     assert spring.force(gas, 0.0, 0.25, 20.0) == pytest.approx(700.0)
     assert spring.force(gas, 0.25, 0.25, -20.0) == pytest.approx(500.0 * 253.15 / 293.15)
 
 
-def test_a_lost_spring_gives_its_share() -> None:
+def test_a_lost_spring_takes_its_share_of_the_force_away() -> None:
     coil = spring.Spring(900.0, 330.0, 1e6, 1e3)
     assert spring.force(coil, 0.1, 0.25, 20.0) == pytest.approx(330.0 + 900.0 * 0.15)
     assert spring.force(coil._replace(health=0.0), 0.1, 0.25, 20.0) == 0.0
 
 
-def test_the_seal_ends_where_its_force_does() -> None:
+def test_the_seals_depth_ends_where_its_force_is_zero() -> None:
     rubber = seal.Seal(200.0, 2e5, 0.9)
     assert seal.depth(rubber, 0.0) * rubber.stiffness == pytest.approx(200.0)
     assert seal.depth(rubber, 1e-3) == pytest.approx(0.0, abs=1e-15)
@@ -299,7 +299,7 @@ def test_the_seal_ends_where_its_force_does() -> None:
 
 @CALM
 @given(angle=st.floats(0.0, math.radians(80.0)))
-def test_kinematics_invert_and_the_lever_is_the_slope(angle: float) -> None:
+def test_angle_and_length_are_inverse_and_the_lever_arm_is_their_slope(angle: float) -> None:
     link = gate.linkage(suv().gate)
     extended = gate.extension(link, angle)
     assert gate.angle_of_extension(link, extended) == pytest.approx(angle, abs=1e-9)
@@ -307,7 +307,7 @@ def test_kinematics_invert_and_the_lever_is_the_slope(angle: float) -> None:
     assert gate.lever(link, angle) == pytest.approx(slope, rel=1e-7)
 
 
-def test_the_linkage_is_the_same_wherever_the_hinge_is() -> None:
+def test_the_linkage_does_not_depend_on_the_hinges_position() -> None:
     vehicle = suv()
     link = gate.linkage(vehicle.gate)
     moved = vehicle.gate._replace(
@@ -317,14 +317,14 @@ def test_the_linkage_is_the_same_wherever_the_hinge_is() -> None:
 
 
 @pytest.mark.parametrize(("direction", "angle", "rate"), [(1.0, 0.48, -0.2), (-1.0, 0.52, 0.2)])
-def test_an_obstacle_pushes_against_the_motion_that_met_it(direction, angle, rate) -> None:
+def test_an_obstacle_pushes_against_the_motion_that_hit_it(direction, angle, rate) -> None:
     body = obstacle.Obstacle(0.5, 0.9, 10e3, 100.0, 0.003, direction)
     expected = 10e3 * (0.02 * 0.9 - 0.003) + 100.0 * 0.2 * 0.9
     assert obstacle.pinch_force(body, angle, rate) == pytest.approx(expected)
     assert obstacle.pinch_force(body, 1.0 - angle, rate) == 0.0
 
 
-def test_the_latch_takes_up_at_home_unless_it_is_released() -> None:
+def test_the_latch_catches_at_home_unless_released() -> None:
     assert latch.takes_up(0.0, 0.0)
     assert latch.takes_up(-1e-6, 0.0)
     assert not latch.takes_up(1e-6, 0.0)
@@ -344,7 +344,7 @@ def test_wind_hand_and_snow_act_with_their_levers() -> None:
 # Thermal.
 
 
-def test_a_motor_warms_to_where_its_losses_flow_off() -> None:
+def test_a_motor_warms_up_to_the_temperature_at_which_its_losses_are_dissipated() -> None:
     body = thermal.Thermal(enabled=1.0)
     winding = housing = 20.0
     for _ in range(20_000):
@@ -353,7 +353,7 @@ def test_a_motor_warms_to_where_its_losses_flow_off() -> None:
     assert winding == pytest.approx(housing + 5.0 * body.winding_resistance, rel=1e-5)
 
 
-def test_a_warm_motor_has_more_resistance_and_less_flux_if_enabled() -> None:
+def test_a_warm_motor_has_more_resistance_and_less_flux_if_its_thermal_model_is_enabled() -> None:
     body = thermal.Thermal(enabled=1.0)
     assert thermal.resistance_factor(body, 120.0) == pytest.approx(1.393)
     assert thermal.flux_factor(body, 120.0) == pytest.approx(0.9)
@@ -384,7 +384,7 @@ def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0
     return after.mean, reading
 
 
-def test_the_current_sensor_scales_rounds_filters_and_saturates() -> None:
+def test_the_current_sensor_scales_quantizes_filters_and_saturates() -> None:
     table = sensors.Sensors()._replace(
         current_gain=2.0, current_offset=0.3, current_resolution=0.25, current_limit=20.0
     )

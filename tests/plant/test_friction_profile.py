@@ -1,4 +1,4 @@
-"""Friction over the spindle's travel, over a drive's life and from run to run."""
+"""Friction over the spindle's travel, over a drive's life and between runs."""
 
 import math
 
@@ -30,13 +30,13 @@ def over(profile: FrictionProfile, drive: int, places: np.ndarray) -> np.ndarray
     return np.array([look_up(profile, drive, float(each)) for each in places])
 
 
-def test_without_any_of_it_friction_is_that_of_the_law():
+def test_without_profile_options_friction_is_nominal():
     profile = profile_of(ideal(), seed=5)
     assert profile.factor.tolist() == [[1.0], [1.0]]
     assert (over(profile, 1, np.array([-1.0, 0.1, 1.0, math.nan])) == 1.0).all()
 
 
-def test_a_table_holds_at_shares_of_the_travel_and_beyond_its_ends():
+def test_a_friction_table_is_given_over_the_travel_and_constant_beyond_its_ends():
     profile = profile_of(ideal("friction.position_table=[[0, 1.2], [0.5, 0.8], [1, 2]]"))
     shares = np.array([-0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 3.0])
     expected = [1.2, 1.2, 1.0, 0.8, 1.4, 2.0, 2.0]
@@ -45,7 +45,7 @@ def test_a_table_holds_at_shares_of_the_travel_and_beyond_its_ends():
     assert 1.19 < over(profile, 0, np.array([math.nan]))[0] < 1.21
 
 
-def test_the_random_part_has_the_deviation_and_the_correlation_it_is_said_to_have():
+def test_the_random_part_of_friction_has_its_specified_deviation_and_correlation():
     length, deviation = 0.02, 0.1
     places = np.linspace(0.0, STROKE, 300)
     apart = length / (places[1] - places[0])
@@ -64,7 +64,7 @@ def test_the_random_part_has_the_deviation_and_the_correlation_it_is_said_to_hav
     assert abs(np.mean(left * right)) < 0.05  # each drive has its own
 
 
-def test_a_profile_is_that_of_its_number_on_any_gate():
+def test_a_profile_number_gives_the_same_profile_on_any_gate():
     keys = ["friction.position_deviation=0.2", "friction.position_profile=3"]
     suv, compact = (profile_of(load_vehicle(name, keys, ideal=True)) for name in ("suv", "compact"))
     places = np.linspace(0.0, 0.15, 400)
@@ -73,7 +73,7 @@ def test_a_profile_is_that_of_its_number_on_any_gate():
     assert np.abs(over(suv, 0, places) - over(other, 0, places)).max() > 0.1
 
 
-def test_a_spindle_out_of_true_loads_the_drive_once_a_turn():
+def test_an_eccentric_spindle_loads_the_drive_once_per_turn():
     vehicle = ideal("friction.eccentricity=0.3")
     places = np.linspace(0.0, STROKE, 5000)
     values = over(profile_of(vehicle), 0, places) - 1.0
@@ -85,7 +85,7 @@ def test_a_spindle_out_of_true_loads_the_drive_once_a_turn():
     assert np.ptp(values) == pytest.approx(0.6, rel=0.01)
 
 
-def test_cycles_run_a_drive_in_and_wear_it():
+def test_friction_falls_by_running_in_and_rises_by_wear_over_the_cycles():
     def factor(cycles: float) -> float:
         keys = {"run_in": 0.4, "run_in_cycles": 100, "wear": 0.02, "cycles": cycles}
         vehicle = ideal(*(f"friction.{key}={value}" for key, value in keys.items()))
@@ -96,7 +96,7 @@ def test_cycles_run_a_drive_in_and_wear_it():
     assert factor(10000.0) == pytest.approx(1.2)
 
 
-def test_runs_differ_by_their_seed():
+def test_friction_profiles_of_runs_differ_by_their_seed():
     vehicle = ideal("friction.run_deviation=0.05")
     factors = np.array([profile_of(vehicle, seed).factor[:, 0] for seed in range(2000)])
     assert factors.mean() == pytest.approx(1.0, abs=0.004)
@@ -110,7 +110,7 @@ def test_friction_never_drives():
     assert profile_of(vehicle).factor.min() >= LEAST
 
 
-def test_a_factor_is_as_much_more_friction_of_the_law():
+def test_a_friction_factor_of_two_equals_doubled_friction_torques():
     """Twice all friction torques, against a factor of two."""
     suv = ideal("friction.viscous=1e-5")
     doubled = plant_of(suv)
@@ -128,7 +128,7 @@ def test_a_factor_is_as_much_more_friction_of_the_law():
     assert Frictions(1.0, 1.0) == NOMINAL
 
 
-def test_the_factor_of_a_step_is_that_of_its_middle():
+def test_the_friction_factor_of_a_step_is_that_at_its_middle():
     """Second order: a fifth of the step, a twenty-fifth of the error."""
     vehicle = ideal("friction.eccentricity=0.8", "friction.position_deviation=0.1")
     plant = plant_of(vehicle)

@@ -41,7 +41,7 @@ TABLE = [[0, -1, 1, 0], [1, 0, 0, -1], [-1, 0, 0, 1], [0, 1, -1, 0]]
 
 
 def counted(levels: list[tuple[int, int]]) -> list[int]:
-    """What a decoder makes of levels that it sees one after the other, from 0."""
+    """Count of a quadrature decoder, from 0, that sees these levels one after the other."""
     totals = [0]
     for (a, b), (next_a, next_b) in itertools.pairwise(levels):
         totals.append(totals[-1] + TABLE[2 * a + b][2 * next_a + next_b])
@@ -49,13 +49,13 @@ def counted(levels: list[tuple[int, int]]) -> list[int]:
 
 
 def encoder(counts: float = 4.0, **errors: float) -> Encoder:
-    """One without errors but these."""
+    """An encoder without errors other than these."""
     ideal = Encoder(counts, 0.0, 0.0, 0.0, 0.0, 0.0, 0, not errors)
     return ideal._replace(**errors)
 
 
 def walked(wheel: Encoder, positions: list[float], period: int = 5, call=read_hall) -> list[Any]:
-    """The left Hall sensors at each of the positions, a tick of a millisecond each."""
+    """Levels of the left Hall sensors at each position, one tick of 1 ms each."""
     still = MotorShaft(positions[0], 0.0)
     halls, ring = initial_halls(wheel, still, still), edge_ring(16)
     states = [halls[0].copy()]
@@ -80,7 +80,7 @@ class Motion:
 def edges_of(
     wheel: Encoder, motion: Motion, seconds: float, rate: float = 1e3, seed: int = 0, call=read_hall
 ) -> tuple[np.ndarray, Any]:
-    """All edges of a run at so many ticks a second, and the sensors at its end."""
+    """All edges of a run at this number of ticks per second, and the sensors' state at its end."""
     ring: EdgeRing = edge_ring(100_000)
     halls = initial_halls(wheel, motion.shaft(0.0), motion.shaft(0.0))
     for tick in range(1, round(seconds * rate) + 1):
@@ -91,7 +91,7 @@ def edges_of(
 
 
 def captured(**fields: float) -> Any:
-    """What a timer holds."""
+    """Values held by a capture timer."""
     hall = np.zeros(1, dtype=HALL).view(np.recarray)[0]
     for name, value in fields.items():
         setattr(hall, name, value)
@@ -104,7 +104,7 @@ def test_the_levels_are_a_gray_code_in_which_a_leads_b_while_it_counts_up() -> N
     ]  # fmt: skip
 
 
-def test_the_decoder_is_the_textbooks() -> None:
+def test_the_decoder_agrees_with_a_textbook_quadrature_decoder() -> None:
     for before in range(4):
         for now in range(4):
             way = decoded(before >> 1, before & 1, now >> 1, now & 1)
@@ -115,10 +115,10 @@ def test_the_decoder_is_the_textbooks() -> None:
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("counts", [4.0, 12.0, 100.0])
 @pytest.mark.parametrize("speed", [0.1, 24.9, 151.0, 1000.0, 40_000.0])  # rev/s, a tick a ms
-def test_the_count_is_the_shafts_at_any_speed_there_and_back(
+def test_the_count_follows_the_shaft_at_any_speed_in_both_directions(
     which: str, direction: float, counts: float, speed: float
 ) -> None:
-    """Up to thousands of edges a tick; the decoder sees each of them."""
+    """Up to thousands of edges per tick; the decoder sees each of them."""
     wheel = encoder(counts)
     ticks = 200 if speed * counts < 1e5 else 3
     times = np.concatenate([np.arange(ticks), np.arange(ticks, -ticks, -1)]) * 1e-3
@@ -136,7 +136,7 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
     st.lists(st.floats(-30.0, 30.0), min_size=1, max_size=40),
     st.sampled_from([1.0, 4.0, 7.0]),
 )
-def test_however_the_shaft_moves_no_count_is_lost(start: float, ways: list[float], counts: float) -> None:
+def test_no_count_is_lost_in_any_motion_of_the_shaft(start: float, ways: list[float], counts: float) -> None:
     wheel = encoder(counts)
     positions = np.cumsum([start, *ways]).tolist()
     states = walked(wheel, positions, call=compiled(read_hall))
@@ -146,15 +146,15 @@ def test_however_the_shaft_moves_no_count_is_lost(start: float, ways: list[float
 
 @CALM
 @given(st.floats(-100.0, 100.0), st.lists(st.floats(-0.249, 0.249), min_size=1, max_size=200))
-def test_what_an_ecu_decodes_from_the_levels_is_the_count(start: float, ways: list[float]) -> None:
-    """As long as no more than one edge comes a tick, an ECU that samples A and B counts the same."""
+def test_an_ecu_that_samples_the_levels_decodes_the_count(start: float, ways: list[float]) -> None:
+    """Holds as long as no more than one edge comes per tick."""
     positions = np.cumsum([start, *ways]).tolist()
     states = walked(encoder(), positions)
     ours = [state.count - states[0].count for state in states]
     assert counted([(state.a, state.b) for state in states]) == ours
 
 
-def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
+def test_the_hall_speed_is_the_counts_of_the_last_complete_sample_period() -> None:
     rng = np.random.default_rng(4)
     positions = np.cumsum(rng.normal(0.3, 1.0, 200)).tolist()
     states = walked(encoder(), positions, period=7)
@@ -163,7 +163,7 @@ def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
         assert states[tick].speed == states[last].count - states[last - 7].count
 
 
-def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edges() -> None:
+def test_a_jump_of_the_shaft_between_runs_is_counted_without_edge_times() -> None:
     ring, wheel = edge_ring(16), encoder()
     when = Tick(0.0, 1e-3, 0, True)
     halls = initial_halls(wheel, MotorShaft(0.0, 0.0), MotorShaft(0.0, 0.0))
@@ -194,7 +194,7 @@ for position in (math.nan, math.inf, -math.inf, 1e30, -1e30, 1e300):
 """
 
 
-def test_a_plant_that_diverged_does_not_hold_up_the_tick() -> None:
+def test_a_diverged_plant_does_not_stall_the_hall_sensors() -> None:
     # In a process of its own: a loop that does not end could not be interrupted here.
     subprocess.run([sys.executable, "-c", LOST], check=True, timeout=PATIENCE)
 
@@ -203,7 +203,7 @@ def test_a_plant_that_diverged_does_not_hold_up_the_tick() -> None:
 
 
 def decoder_and_timer(edges: np.ndarray) -> tuple[int, list[tuple[float, float]]]:
-    """Of the edges alone: a count, and (time, speed [counts/s]) by each period between two rising edges of A."""
+    """Count, and (time, speed [counts/s]) for each period between two rising edges of A, from the edges alone."""
     levels, count, rising, speeds = [0, 0], 0, [], []
     for edge in edges:
         before = 2 * levels[0] + levels[1]
@@ -219,7 +219,7 @@ def decoder_and_timer(edges: np.ndarray) -> tuple[int, list[tuple[float, float]]
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 @pytest.mark.parametrize("speed", [0.3, 7.77, 100.0, 142.857, 151.3, 987.6])
 @pytest.mark.parametrize("counts", [4.0, 12.0])
-def test_an_ecu_with_a_timer_has_count_and_speed_from_the_edges_alone(
+def test_a_timer_and_decoder_get_count_and_speed_from_the_edges_alone(
     which: str, speed: float, counts: float
 ) -> None:
     call = read_hall if which == "plain" else compiled(read_hall)
@@ -244,7 +244,7 @@ def test_an_ecu_with_a_timer_has_count_and_speed_from_the_edges_alone(
     ],
 )
 @pytest.mark.parametrize("errors", [{}, {"pitch": 0.1, "phase": 0.1, "jitter": 0.05}])
-def test_edges_are_the_same_at_1_and_at_10_khz(motion: Motion, errors: dict[str, float]) -> None:
+def test_hall_edges_are_the_same_at_1_and_10_khz(motion: Motion, errors: dict[str, float]) -> None:
     wheel = encoder(4.0, **errors)
     coarse, _ = edges_of(wheel, motion, 0.2)
     fine, _ = edges_of(wheel, motion, 0.2, rate=1e4)
@@ -254,7 +254,7 @@ def test_edges_are_the_same_at_1_and_at_10_khz(motion: Motion, errors: dict[str,
     assert np.abs(coarse["time_s"] - fine["time_s"]).max() < 1e-9
 
 
-def test_edges_are_where_the_shaft_passes_them() -> None:
+def test_edge_times_are_when_the_shaft_passes_the_edges() -> None:
     motion = Motion(0.0, 120.0, -400.0)
     edges, _ = edges_of(encoder(), motion, 0.25)
     steps = np.array([4.0 * motion.shaft(time).position for time in edges["time_s"]])
@@ -273,8 +273,8 @@ def test_a_shaft_that_turns_back_within_a_tick_passes_its_edges_twice() -> None:
 
 
 @pytest.mark.parametrize("way", [0.0, 1e-3, -1e-3])
-def test_a_shaft_that_stops_at_once_passes_no_edge_there_and_back(way: float) -> None:
-    """A jammed spindle: positions and speeds of both readings fit no path without a turn, and it made none."""
+def test_a_shaft_that_stops_abruptly_passes_no_edge_twice(way: float) -> None:
+    """A jammed spindle: both readings fit only a path with a reversal, which did not occur."""
     encoder = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
     for place in np.linspace(3.0, 4.0, 210):
         before, now = MotorShaft(float(place), 150.0), MotorShaft(float(place) + way, 0.0)
@@ -284,7 +284,7 @@ def test_a_shaft_that_stops_at_once_passes_no_edge_there_and_back(way: float) ->
         assert ring.written[0] == abs(math.floor(now.position * 4 + 0.5) - math.floor(place * 4 + 0.5))
 
 
-def test_a_period_takes_five_edges_in_one_direction() -> None:
+def test_a_period_is_known_after_five_edges_in_one_direction() -> None:
     def period_after(edges: int) -> float:
         return edges_of(encoder(), Motion(0.0, 100.0), 2.5e-3 * edges)[1].period
 
@@ -292,14 +292,14 @@ def test_a_period_takes_five_edges_in_one_direction() -> None:
     assert period_after(5) == pytest.approx(0.01)
 
 
-def test_a_shaft_that_stops_shows_ever_less_speed() -> None:
+def test_the_timer_speed_of_a_stopped_shaft_decays() -> None:
     timer = captured(edges=9, run=9, last=1.0, period=0.01, period_speed=100.0)
     speeds = [period_speed(timer, now) for now in (1.0, 1.01, 1.02, 1.1, 2.0)]
     assert speeds == pytest.approx([100.0, 100.0, 50.0, 10.0, 1.0])
     assert period_speed(captured(edges=3, run=3, last=1.0), 1.0) == 0.0
 
 
-def test_the_speed_has_the_direction_of_the_last_edge() -> None:
+def test_the_timer_speed_has_the_direction_of_the_last_edge() -> None:
     _, state = edges_of(encoder(), Motion(0.0, -100.0), 0.1)
     assert period_speed(state, state.last) == pytest.approx(-100.0)
     _, state = edges_of(encoder(), Motion(0.0, 100.0, -1000.0), 0.15)  # turns back at 0.1 s
@@ -314,7 +314,7 @@ def times_of(edges: np.ndarray, channel: int, level: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_duty_and_phase_are_what_the_encoder_says(way: float) -> None:
+def test_duty_cycle_and_phase_of_the_levels_are_those_of_the_encoder(way: float) -> None:
     wheel = encoder(4.0, phase=0.2, high=0.3)
     edges, _ = edges_of(wheel, Motion(0.0, way * 100.0), 0.2)  # a step is 2.5 ms
     for channel in (A, B):
@@ -327,7 +327,7 @@ def test_duty_and_phase_are_what_the_encoder_says(way: float) -> None:
     assert (behind - lag + 5e-3) % 10e-3 - 5e-3 == pytest.approx(0.0, abs=1e-9)
 
 
-def test_hysteresis_parts_the_edges_of_both_ways() -> None:
+def test_hysteresis_separates_the_edges_of_the_two_directions() -> None:
     wheel = encoder(4.0, hysteresis=0.4)
     motion = Motion(0.0, 100.0, -1000.0)
     edges, state = edges_of(wheel, motion, 0.2)
@@ -338,7 +338,7 @@ def test_hysteresis_parts_the_edges_of_both_ways() -> None:
     assert state.count == 0
 
 
-def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
+def test_pole_pitch_errors_repeat_in_each_turn() -> None:
     wheel = encoder(12.0, pitch=0.1)  # six poles
     edges, _ = edges_of(wheel, Motion(0.0, 10.0), 3.0, call=compiled(read_hall))
     places = 12.0 * 10.0 * edges["time_s"] - np.arange(len(edges)) - 0.5
@@ -350,7 +350,7 @@ def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
     assert other["time_s"][0] != pytest.approx(edges["time_s"][0], abs=1e-6)
 
 
-def test_jitter_is_drawn_anew_for_each_edge_and_from_the_seed() -> None:
+def test_jitter_differs_from_edge_to_edge_and_depends_on_the_seed() -> None:
     wheel = encoder(4.0, jitter=0.05)
     first, again, other = (
         edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed, call=compiled(read_hall))[0]["time_s"]
@@ -380,7 +380,7 @@ def test_no_edge_is_lost_or_seen_twice_however_bad_the_encoder(
 
 
 @pytest.mark.parametrize("position", np.arange(0.0, 3.0, 0.03125).tolist())
-def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: float) -> None:
+def test_the_initial_step_lies_between_the_displaced_edges(position: float) -> None:
     wheel = encoder(high=0.6, phase=0.13)
     halls = initial_halls(wheel, MotorShaft(position, 0.0), MotorShaft(position, 0.0))
     place, step = 4.0 * position + 0.5, int(halls[0].step)
@@ -392,7 +392,7 @@ def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: fl
     assert ring.written[0] == 0
 
 
-def test_a_fast_shaft_with_many_counts_loses_no_edge() -> None:
+def test_a_fast_shaft_with_a_high_resolution_loses_no_edge() -> None:
     ring, wheel = edge_ring(2**17), encoder(10_000.0)
     halls = initial_halls(wheel, MotorShaft(0.0, 769.0), MotorShaft(0.0, 0.0))
     when = Tick(0.0, 5e-3, 0, False)

@@ -24,7 +24,7 @@ def state_at(angle: float, rate: float) -> State:
 
 
 def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch]:
-    """What is told of a motion, given as functions of time, at these times."""
+    """Reports on the last contact during a motion, given as functions of time, at these times."""
     step = times[1] - times[0]
     found = [NOT_PINCHED]
     for time in times:
@@ -35,7 +35,7 @@ def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch
 
 
 def swing(lowest_deg: float, start: float, period: float = 0.6):
-    """The gate comes down from 32 degrees, turns at `lowest_deg` and goes back up within a period."""
+    """Motion that comes down from 32 degrees, turns at `lowest_deg` and goes back up within a period."""
     depth = math.radians(32.0 - lowest_deg)
 
     def angle(time: float) -> float:
@@ -52,7 +52,7 @@ def swing(lowest_deg: float, start: float, period: float = 0.6):
 
 
 def exactly(angle, rate, times: np.ndarray) -> tuple[float, float, float, float]:
-    """Peak, impulse, time over the limit and begin, by brute force."""
+    """Peak, impulse, time over the limit and begin of the contact, by brute force."""
     fine = np.linspace(times[0], times[-1], 400_001)
     force = np.array([pinch_force(ROD, angle(t), rate(t)) for t in fine])
     step = fine[1] - fine[0]
@@ -60,7 +60,7 @@ def exactly(angle, rate, times: np.ndarray) -> tuple[float, float, float, float]
     return force.max(), np.trapezoid(force, fine), step * np.sum(force > LIMIT), begin
 
 
-def test_the_report_is_what_the_force_did() -> None:
+def test_the_contact_report_agrees_with_the_force_over_time() -> None:
     motion = swing(29.0, 0.1003)
     times = np.arange(0.0, 0.9, 1e-3)
     last = followed(*motion, times)[-1]
@@ -73,7 +73,7 @@ def test_the_report_is_what_the_force_did() -> None:
     assert math.degrees(last.angle) == pytest.approx(30.0, abs=1e-3)
 
 
-def test_another_contact_begins_anew_and_a_bounce_does_not() -> None:
+def test_another_contact_starts_a_new_report_and_a_bounce_does_not() -> None:
     times = np.arange(0.0, 3.0, 1e-3)
     (first, first_rate), (second, second_rate) = swing(29.0, 0.1), swing(29.5, 1.5)
     found = followed(
@@ -95,7 +95,7 @@ def test_another_contact_begins_anew_and_a_bounce_does_not() -> None:
     assert found[-1].impulse > found[5].impulse
 
 
-def test_a_contact_ends_only_after_a_while() -> None:
+def test_a_contact_ends_only_some_time_after_the_last_force() -> None:
     last = NOT_PINCHED._replace(force=10.0, free=0.0, peak=50.0, impulse=1.0, begin=2.0, angle=0.5)
     state = state_at(1.0, 0.1)
     for tick in range(round(APART / 1e-3) + 2):
@@ -109,12 +109,12 @@ def test_a_contact_ends_only_after_a_while() -> None:
     ("before", "after", "expected"),
     [(0, 50, 0.0), (150, 120, 1.0), (50, 150, 0.5), (150, 50, 0.5), (90, 130, 0.75), (100, 100, 0.0)],
 )  # fmt: skip
-def test_the_time_over_a_limit_counts_parts_of_a_step(before: float, after: float, expected: float) -> None:
+def test_the_time_over_a_limit_counts_fractions_of_a_step(before: float, after: float, expected: float) -> None:
     assert time_over(before, after, LIMIT, 1.0) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_a_damped_bodys_peak_at_the_touch_does_not_hang_on_the_tick(step: float) -> None:
+def test_the_touch_peak_of_a_damped_body_does_not_depend_on_the_tick_rate(step: float) -> None:
     soft = ROD._replace(stiffness=1000.0, damping=5000.0)
     down, slower = -0.2, 40.0  # rad/s, 1/s: it slows down quickly
 

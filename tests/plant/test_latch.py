@@ -1,4 +1,4 @@
-"""The latch as built: claw, pawl, hook, cinching motor; and what its switches and the pinch strips say."""
+"""The detailed latch: claw, pawl, hook, cinching motor, its switches, and the pinch strips."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ BUILT = ("latch.half=0.008", "latch.distance=0.95")
 
 
 def built(*settings: str) -> Vehicle:
-    """The SUV with a latch as built."""
+    """The SUV with a detailed latch."""
     return suv(*BUILT, *settings)
 
 
 def go(vehicle: Vehicle, state: Any, command: Any, seconds: float, step: float = 1e-3, **load: Any):
-    """States from there on; the latch is not released where nothing else is said."""
+    """States of a run from there on; the latch is not released unless stated."""
     given = inputs(vehicle, command, **{"latch_released": 0.0, **load})
     return fast_run(plant_of(vehicle), state, given, step, round(seconds / step))
 
 
 def place(vehicle: Vehicle, rows: np.ndarray) -> np.ndarray:
-    """The striker's way from home [m]."""
+    """Distance [m] of the striker from home."""
     return vehicle.latch.distance * column(rows, "angle")
 
 
 def torque_without_hook(vehicle: Vehicle, angle: float, **load: Any) -> float:
-    """On a gate at rest whose drives do not push."""
+    """Torque without the hook on a resting gate whose drives do not push."""
     plant, around = plant_of(vehicle), load_of(vehicle)._replace(**load)
     return dynamics.gate_torque(plant, initial_state(plant, angle), around)
 
@@ -76,7 +76,7 @@ def test_a_closed_gate_rests_in_its_latch():
 
 @pytest.mark.parametrize("time", [0.0, 0.0124, 0.2])
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_a_release_takes_its_time(time: float, step: float):
+def test_releasing_the_detailed_latch_takes_time(time: float, step: float):
     vehicle = built(f"latch.release_time={time}")
     start = closed_state(plant_of(vehicle), load_of(vehicle))
     rows = go(vehicle, start, COAST, 0.5, step, latch_released=1.0)
@@ -86,8 +86,8 @@ def test_a_release_takes_its_time(time: float, step: float):
     assert place(vehicle, rows)[-1] > 2.0 * place(vehicle, rows)[0]
 
 
-def test_a_gate_that_stays_down_is_caught_again_where_it_lies():
-    """Snow keeps it from rising; a pawl that falls too early holds it."""
+def test_a_gate_that_stays_down_is_caught_again_after_the_release():
+    """Snow keeps the gate from rising; a pawl that falls too early holds it."""
     vehicle = built("latch.hold_time=0.1", "latch.release_time=0.05")
     start = closed_state(plant_of(vehicle), load_of(vehicle))
     rows = go(vehicle, start, COAST, 0.1, latch_released=1.0, hand_force=-1000.0)
@@ -99,7 +99,7 @@ def test_a_gate_that_stays_down_is_caught_again_where_it_lies():
     assert column(after, "claw")[-1] in (HALF, FULL)
 
 
-def test_a_gate_that_is_pushed_in_half_way_stays_there():
+def test_a_gate_pushed_into_the_half_position_stays_there():
     vehicle = built()
     plant = plant_of(vehicle)
     start = initial_state(plant, 0.012 / vehicle.latch.distance)
@@ -116,7 +116,7 @@ def test_a_gate_that_is_pushed_in_half_way_stays_there():
     assert column(rows, "left_speed")[-1] == 0.0
 
 
-def test_the_drives_close_it_fully_as_they_do_the_simple_one():
+def test_the_drives_close_the_gate_fully_into_the_detailed_latch():
     """Claw, hook and seal on the way in; the striker then rests in the hook."""
     vehicle = built()
     plant = plant_of(vehicle)
@@ -131,7 +131,7 @@ def test_the_drives_close_it_fully_as_they_do_the_simple_one():
 
 
 def of_bodies(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle, Obstacle]:
-    """The same gate without a latch, and its hook and its claw's spring as obstacles."""
+    """The same gate without a latch, and its hook and claw spring as obstacles."""
     own, free = vehicle.latch, vehicle._replace(latch=vehicle.latch._replace(half=0.0))
     at = (own.half if claw == HALF else own.full) / own.distance
     hook = Obstacle(at, own.distance, own.stiffness, own.damping, 0.0, -1.0)
@@ -142,8 +142,8 @@ def of_bodies(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle, Obstacl
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3])
 @pytest.mark.parametrize("claw", [HALF, FULL])
-def test_the_hook_is_what_a_gate_meets_that_opens(claw: float, step: float):
-    """Obstacles are held against the solution with located events."""
+def test_the_hook_acts_on_an_opening_gate_like_an_obstacle(claw: float, step: float):
+    """Obstacles themselves are compared with the event-located solution."""
     vehicle = built("latch.claw_force=0", "latch.damping=800")
     free, hook, _ = of_bodies(vehicle, claw)
     start = initial_state(plant_of(vehicle), 0.0003)._replace(
@@ -155,7 +155,7 @@ def test_the_hook_is_what_a_gate_meets_that_opens(claw: float, step: float):
         assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-9)
 
 
-def test_the_claws_spring_is_what_a_gate_meets_that_closes():
+def test_the_claws_spring_acts_on_a_closing_gate_like_an_obstacle():
     vehicle = built("latch.claw_force=400")
     free, _, spring = of_bodies(vehicle, OPEN)
     start = initial_state(plant_of(vehicle), 0.04)
@@ -167,14 +167,14 @@ def test_the_claws_spring_is_what_a_gate_meets_that_closes():
 
 
 def half_closed(vehicle: Vehicle) -> Any:
-    """At rest in the half position, held by hook and spindles."""
+    """State at rest in the half position, held by hook and spindles."""
     angle = 0.5 * vehicle.latch.half / vehicle.latch.distance
     start = initial_state(plant_of(vehicle), angle)
     return start._replace(latch=LatchState(HALF, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_the_cinching_motor_draws_the_gate_home_and_goes_back(step: float):
+def test_the_cinching_motor_pulls_the_gate_home_and_returns(step: float):
     vehicle = built("latch.cinch=automatic", "latch.cinch_force=5000", "latch.cinch_speed=0.02")
     rows = go(vehicle, half_closed(vehicle), CLOSE, 2.0, step)
     claw, pull = column(rows, "claw"), column(rows, "pull")
@@ -188,7 +188,7 @@ def test_the_cinching_motor_draws_the_gate_home_and_goes_back(step: float):
     assert column(rows, "latched")[-1] == 1.0
 
 
-def test_a_stalled_cinching_motor_pulls_with_its_force():
+def test_a_stalled_cinching_motor_pulls_with_its_rated_force():
     vehicle = built("latch.cinch=automatic", "latch.cinch_force=700", "latch.damping=0")
     rod = Obstacle(0.003, 1.0, 1e6, 1e3, 0.0, 1.0)
     rows = go(vehicle, half_closed(vehicle), COAST, 3.0, obstacle=rod)
@@ -201,7 +201,7 @@ def test_a_stalled_cinching_motor_pulls_with_its_force():
 
 
 def time_home(vehicle: Vehicle, step: float) -> float:
-    """How long [s] the cinching motor takes from the half position, with the spindles shorted, to home."""
+    """Time [s] in which the cinching motor goes from the half position, with shorted spindles, to home."""
     angle = vehicle.latch.half / vehicle.latch.distance
     start = initial_state(plant_of(vehicle), angle)._replace(latch=HALF_CLOSED)
     rows = go(vehicle, start, BRAKE, 1.5, step)
@@ -215,10 +215,10 @@ def time_home(vehicle: Vehicle, step: float) -> float:
     [(2e6, 1200.0, (1e-3, 5e-3)), (1e7, 1200.0, (1e-3, 5e-3)), (2e6, 3000.0, (1e-3, 5e-3)),
      (1e8, 2500.0, (1e-3,))],
 )  # fmt: skip
-def test_how_long_cinching_takes_does_not_hang_on_the_step(
+def test_the_duration_of_cinching_does_not_depend_on_the_step(
     stiffness: float, force: float, steps: tuple[float, ...]
 ):
-    """The hook gives way to the motor while the gate follows: at 5 ms it took 81 ms and more too long."""
+    """The hook yields to the motor while the gate follows: at 5 ms cinching once took 81 ms and more too long."""
     keys = (f"latch.stiffness={stiffness}", f"latch.cinch_force={force}")
     vehicle = built("latch.cinch=automatic", *keys)
     limit = time_home(vehicle, 2e-5)
@@ -228,7 +228,7 @@ def test_how_long_cinching_takes_does_not_hang_on_the_step(
 
 @pytest.mark.parametrize("stiff", [False, True])
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_a_pulled_hook_is_bent_as_its_differential_equation_says(stiff: bool, step: float):
+def test_the_bending_of_a_pulled_hook_solves_its_differential_equation(stiff: bool, step: float):
     """db/dt = ṡ + v_c − y b, for a rate that goes from 4 to −6 mm/s (a stiff hook: is the last one all along)."""
     claw, bent, rate, rate_end = CLAW._replace(damping=500.0), 2e-4, 0.004, -0.006
     yielding = claw.cinch_speed * claw.stiffness / claw.cinch_force
@@ -254,8 +254,8 @@ def test_a_pulled_hook_is_bent_as_its_differential_equation_says(stiff: bool, st
         assert mean == pytest.approx(claw.cinch_speed - yielding * steady.y[1, -1] / step, rel=1e-7)
 
 
-def test_a_hook_that_goes_back_lets_the_gate_go_at_its_speed():
-    """A command that ends half way: what the hook is damped with is the striker's rate less its own."""
+def test_a_returning_hook_lets_the_gate_follow_at_its_speed():
+    """A command that ends half way: the hook is damped by the striker's rate less its own."""
     claw, state = (CLAW._replace(cinch=float(COMMANDED), damping=3e3), HALF_CLOSED._replace(pull=0.004))
     resting = hook_force(claw, state, 0.0042, 0.0, 1.0)
     assert resting == pytest.approx(2e6 * 2e-4 + 3e3 * (0.012 - 20.0 * 2e-4))
@@ -265,8 +265,8 @@ def test_a_hook_that_goes_back_lets_the_gate_go_at_its_speed():
     assert mean_pull(claw, state._replace(pull=6e-6), 0.0042, 0.0, 0.0, 0.0, 1e-3) == -0.006
 
 
-def test_a_gate_that_is_let_go_follows_the_hook_with_its_force():
-    """The gate's balance over a step has the hook's returning speed: it is pushed out by what is shown."""
+def test_the_force_on_a_gate_that_follows_the_hook_is_the_one_shown():
+    """The gate's balance over a step includes the hook's returning speed: the displayed force pushes it out."""
     vehicle = built("latch.cinch=commanded", "latch.damping=5000")
     start = half_closed(vehicle)
     drawn = state_of(go(vehicle, start, COAST, 0.4, 1e-4, latch_cinched=1.0)[-1])
@@ -285,8 +285,8 @@ def test_a_gate_that_is_let_go_follows_the_hook_with_its_force():
 
 @pytest.mark.parametrize("step", [1e-3, 5e-3])
 @pytest.mark.parametrize("above", [5e-5, 2e-4, 4e-4])
-def test_a_claw_that_is_caught_within_a_step_is_drawn_from_then_on(above: float, step: float):
-    """A gate that comes down at 80 mm/s: so far [m] above where the pawl catches the claw."""
+def test_a_claw_caught_within_a_step_is_pulled_from_that_moment_on(above: float, step: float):
+    """The gate comes down at 80 mm/s, from this distance [m] above where the pawl catches the claw."""
     vehicle = built("latch.cinch=automatic")
     distance = vehicle.latch.distance
     start = initial_state(plant_of(vehicle), (vehicle.latch.half + above) / distance)
@@ -296,7 +296,7 @@ def test_a_claw_that_is_caught_within_a_step_is_drawn_from_then_on(above: float,
     assert pulls[step] == pytest.approx(pulls[1e-5], abs=0.2 * step * vehicle.latch.cinch_speed)
 
 
-def test_what_the_cinching_motor_does_does_not_hang_on_the_step():
+def test_cinching_does_not_depend_on_the_step():
     vehicle = built("latch.cinch=automatic")
     start = half_closed(vehicle)
     fine = go(vehicle, start, CLOSE, 0.4, 1e-5)[::100]
@@ -316,13 +316,13 @@ HALF_CLOSED = LatchState(HALF, 0.0, 0.0, 0.0)
     ("cinch", "commanded", "expected"),
     [(NO_CINCH, 1.0, 0.0), (AUTOMATIC, 0.0, 0.012), (COMMANDED, 0.0, 0.0), (COMMANDED, 1.0, 0.012)],
 )
-def test_who_may_start_the_cinching_motor(cinch: int, commanded: float, expected: float):
+def test_the_cinching_motor_starts_as_configured(cinch: int, commanded: float, expected: float):
     claw = CLAW._replace(cinch=float(cinch))
     assert pull_speed(claw, HALF_CLOSED, 0.004, commanded) == expected
     assert mean_pull(claw, HALF_CLOSED, 0.004, 0.0, 0.0, commanded, 1e-3) == expected
 
 
-def test_the_cinching_motors_speed_falls_with_its_load_and_never_turns():
+def test_the_cinching_motors_speed_falls_with_its_load_and_never_reverses():
     assert pull_speed(CLAW, HALF_CLOSED, 0.0083, 0.0) == pytest.approx(0.006)  # at half force
     assert pull_speed(CLAW, HALF_CLOSED, 0.02, 0.0) == 0.0
     drawn = LatchState(OPEN, 0.003, 0.0, 0.0)
@@ -348,14 +348,14 @@ def test_a_release_ends_the_cinching():
         (0.5, 20.0, -1.0, (0.0, 0.0)),
     ],
 )
-def test_a_pinch_strip_feels_what_is_at_its_side(lateral, force, direction, expected):
+def test_a_pinch_strip_senses_obstacles_on_its_side(lateral, force, direction, expected):
     rod = Obstacle(0.5, 1.0, 1e4, 0.0, 0.0, direction, lateral)
     own = Sensors(strip_force=10.0, strip_begin=0.3)
     assert tuple(strip_closes(own, side, rod, force) for side in (1.0, -1.0)) == expected
     assert strip_closes(Sensors(), 1.0, rod, force) == 0.0
 
 
-def test_machine_code_and_python_agree_on_the_latch():
+def test_the_compiled_latch_equals_the_python_one():
     vehicle = built("latch.cinch=automatic")
     plant, given = plant_of(vehicle), inputs(vehicle, CLOSE, latch_released=0.0)
     state = half_closed(vehicle)
@@ -365,8 +365,8 @@ def test_machine_code_and_python_agree_on_the_latch():
     assert fast == pytest.approx(plain, rel=1e-9, abs=1e-12)
 
 
-def test_the_pawl_does_not_fall_behind_a_hook_that_is_drawn_home():
-    """What was cinched and is released at once must not be snatched home by the motor's way back."""
+def test_the_pawl_does_not_engage_behind_a_hook_pulled_home():
+    """A gate cinched and released at once must not be pulled home by the motor's return."""
     vehicle = built("latch.cinch=automatic", "latch.hold_time=0.02", "latch.cinch_speed=0.002")
     start = initial_state(plant_of(vehicle), 0.004)._replace(latch=LatchState(FULL, vehicle.latch.half, 0.0, 0.0))
     rows = go(vehicle, start, COAST, 0.06, latch_released=1.0)
@@ -381,7 +381,7 @@ def test_the_pawl_does_not_fall_behind_a_hook_that_is_drawn_home():
 
 @pytest.mark.parametrize("time", [0.0, 0.004, 0.3])
 @pytest.mark.parametrize("step", [1e-5, 1e-3, 5e-3])
-def test_the_pawl_stays_lifted_for_its_time(time: float, step: float):
+def test_the_pawl_stays_lifted_for_its_specified_time(time: float, step: float):
     claw = CLAW._replace(hold_time=time)
     state = next_latch(claw, LatchState(FULL, 0.0, 1.0, 0.0), 0.001, 0.001, 0.0, 0.0, 1.0, step)
     assert state.claw == OPEN

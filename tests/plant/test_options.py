@@ -1,4 +1,4 @@
-"""Options that the reference SUV leaves off, and what can be read off a state, through the whole plant."""
+"""Options that the reference SUV leaves off, and quantities derived from a state, in the whole plant."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def with_drives(state: State, **changes: float) -> State:
 
 @pytest.mark.parametrize("ambient", [-30.0, 20.0, 50.0])
 @pytest.mark.parametrize("duty", [1.0, -0.6])
-def test_a_motor_alone_runs_where_torque_and_voltage_balance(duty: float, ambient: float) -> None:
+def test_an_unloaded_motor_runs_at_the_balance_of_torque_and_voltage(duty: float, ambient: float) -> None:
     """U = R i + c2Φ n and c1Φ i = (τ_C + d |n|) k: cold, viscous friction and a warm motor at once."""
     vehicle = suv(
         *ALONE,
@@ -70,7 +70,7 @@ def test_a_motor_alone_runs_where_torque_and_voltage_balance(duty: float, ambien
     assert volts == pytest.approx(12.0 * duty, rel=1e-5)
 
 
-def test_static_friction_holds_up_to_its_own_level_and_then_slides_at_coulombs() -> None:
+def test_static_friction_holds_up_to_its_level_then_sliding_has_coulomb_friction() -> None:
     vehicle = suv(*ALONE, "friction.static_ratio=1.5")
     start = at_rest(vehicle, 40.0)
     volts = 1.5 * COULOMB / TORQUE_CONSTANT * RESISTANCE
@@ -82,7 +82,7 @@ def test_static_friction_holds_up_to_its_own_level_and_then_slides_at_coulombs()
     assert TORQUE_CONSTANT * slid.left.current == pytest.approx(COULOMB, rel=1e-6)
 
 
-def test_a_blocked_motor_warms_to_where_its_loss_flows_off() -> None:
+def test_a_blocked_motor_warms_up_to_the_temperature_at_which_its_loss_is_dissipated() -> None:
     """U²/R(T) = (T − T_ambient)/(R_wh + R_ha): a quadratic in the rise over 20 °C."""
     vehicle = suv(
         "spindle.friction_force=1e5",  # nothing turns it
@@ -117,7 +117,7 @@ def test_a_motor_that_coasts_faster_than_the_source_charges_it_through_the_diode
     assert abs(end.speed) < abs(slower.speed)
 
 
-def test_friction_that_grows_with_the_load_holds_more() -> None:
+def test_load_dependent_friction_holds_a_larger_force() -> None:
     """At the limit the spindle's force F has κ F = τ_C + μ κ F."""
     share = 0.3
     vehicle = suv(f"spindle.load_friction={share}")
@@ -142,7 +142,7 @@ def test_friction_that_grows_with_the_load_holds_more() -> None:
 # The gate and what acts on it.
 
 
-def test_an_inertia_in_the_file_replaces_that_of_the_plate() -> None:
+def test_an_inertia_in_the_vehicle_file_replaces_that_of_a_plate() -> None:
     assert plant_of(suv("gate.inertia=20")).gate_inertia == pytest.approx(20.0, rel=1e-9)
 
 
@@ -155,8 +155,8 @@ def test_an_inertia_in_the_file_replaces_that_of_the_plate() -> None:
     hand=st.floats(-100.0, 100.0),
     other=st.floats(-50.0, 50.0),
 )
-def test_the_steady_torques_add_up(angle, slope, snow, wind, hand, other) -> None:
-    """Each written out once more from the numbers of the file."""
+def test_weight_snow_wind_and_hand_torques_add_up(angle, slope, snow, wind, hand, other) -> None:
+    """Each torque is calculated once more from the numbers of the file."""
     vehicle = suv("environment.snow_distance=0.6", "environment.wind_area=1.5")
     plant = plant_of(vehicle)
     around = load(
@@ -171,7 +171,7 @@ def test_the_steady_torques_add_up(angle, slope, snow, wind, hand, other) -> Non
     assert found == pytest.approx(expected, rel=ROUND_OFF, abs=ROUND_OFF)
 
 
-def test_the_file_s_surroundings_are_the_load() -> None:
+def test_the_vehicle_files_surroundings_act_as_load() -> None:
     around = load_of(
         suv(
             "environment.snow_mass=12",
@@ -200,8 +200,8 @@ def test_the_file_s_surroundings_are_the_load() -> None:
     snow=st.floats(0.0, 40.0),
     direction=st.sampled_from([1.0, -1.0]),
 )
-def test_the_acceleration_shown_is_what_a_short_step_does(angle_deg, rate, speed, snow, direction) -> None:
-    """Also in either stop, in the seal, under snow, with a rubbing hinge and a rod in the way."""
+def test_the_displayed_acceleration_agrees_with_a_short_step(angle_deg, rate, speed, snow, direction) -> None:
+    """Also in either stop, in the seal, under snow, with hinge friction and with a rod in the way."""
     vehicle = suv("gate.hinge_friction=12", "gear.backlash=0.03")
     plant = plant_of(vehicle)
     state = at_rest(vehicle, angle_deg)
@@ -218,7 +218,7 @@ def test_the_acceleration_shown_is_what_a_short_step_does(angle_deg, rate, speed
     assert (after.gate_rate - rate) / step == pytest.approx(shown, rel=1e-4, abs=1e-3)
 
 
-def test_the_voltage_shown_is_that_on_the_motor() -> None:
+def test_the_displayed_motor_voltage_is_that_at_the_motor() -> None:
     vehicle = suv("supply.internal_resistance=0.05", "bridge.diode_drop=0.6")
     plant = plant_of(vehicle)
     base = at_rest(vehicle, 40.0)
@@ -236,7 +236,7 @@ def test_the_voltage_shown_is_that_on_the_motor() -> None:
     assert shown(COAST, current=-5.0) == pytest.approx(13.2)
 
 
-def test_a_drive_that_is_not_there_shows_no_voltage() -> None:
+def test_a_missing_drive_shows_no_voltage() -> None:
     vehicle = suv("drives=1")
     state = with_drives(at_rest(vehicle, 40.0), speed=50.0)
     assert dynamics.outputs(plant_of(vehicle), state, inputs(vehicle, COAST)).right_voltage == 0.0
@@ -266,7 +266,7 @@ def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[Sensed]:
     return readings
 
 
-def test_hall_speed_is_the_whole_counts_of_each_sample_period() -> None:
+def test_the_sensed_hall_speed_is_the_whole_counts_per_sample_period() -> None:
     vehicle = suv("sensors.hall_sample_period=0.005")
     rows = fast_run(plant_of(vehicle), at_rest(vehicle, 30.0), inputs(vehicle, OPEN), STEP, 300)
     readings = sensed(vehicle, rows, STEP)
@@ -278,7 +278,7 @@ def test_hall_speed_is_the_whole_counts_of_each_sample_period() -> None:
     assert readings[-1].left_hall_speed == pytest.approx(0.005 * 4.0 * rows[-1][1], abs=1.0)
 
 
-def test_the_accelerometer_on_the_gate_feels_motion_and_weight() -> None:
+def test_the_gates_accelerometer_senses_motion_and_gravity() -> None:
     vehicle = suv("sensors.acceleration_distance=0.7", "sensors.angle_offset_deg=1.5")
     rows = fast_run(plant_of(vehicle), at_rest(vehicle, 30.0), inputs(vehicle, OPEN), STEP, 25)
     reading = sensed(vehicle, rows, STEP)[-1]

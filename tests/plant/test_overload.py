@@ -1,4 +1,4 @@
-"""What bounds an overload: the slip clutch and the thermal cut-out."""
+"""Overload protection: the slip clutch and the thermal cut-out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LIMIT, PLAY, STEP = 2500.0, 5e-5, 1e-3
 
 
 def exact_way(stiffness: float, damping: float, bent: float, rate: float) -> float:
-    """The slip under the clutch's force, k e + c ė = F_c, by small steps."""
+    """Slip under the clutch's force, k e + c ė = F_c, by small steps."""
     n, slip = 20_000, 0.0
     for _ in range(n):
         yields = (LIMIT - stiffness * bent) / damping
@@ -32,19 +32,19 @@ def exact_way(stiffness: float, damping: float, bent: float, rate: float) -> flo
 @pytest.mark.parametrize("along", [1.0, -1.0])
 @pytest.mark.parametrize("rate", [0.05, 0.5])
 @pytest.mark.parametrize(("stiffness", "damping"), [(5e5, 4e3), (5e6, 4e4), (5e5, 1e5), (0.0, 3e5)])
-def test_while_it_slips_the_mechanism_settles_on_its_force(stiffness, damping, rate, along):
+def test_a_slipping_clutch_keeps_the_mechanism_at_its_slip_force(stiffness, damping, rate, along):
     bent = 0.9 * LIMIT / stiffness if stiffness else 1e-3
     slip = clutch.way(along * LIMIT, stiffness, damping, PLAY, along * (PLAY + bent), along * rate * STEP, STEP)
     expected = max(0.0, exact_way(stiffness, damping, bent, rate))
     assert along * slip == pytest.approx(expected, rel=1e-3, abs=1e-9)
 
 
-def test_a_mechanism_without_damper_settles_at_once():
+def test_without_a_damper_a_slipping_clutch_limits_the_force_at_once():
     slip = clutch.way(LIMIT, 5e5, 0.0, PLAY, PLAY, 0.01, STEP)
     assert slip == pytest.approx(0.01 - LIMIT / 5e5)
 
 
-def test_it_grips_up_to_its_force_and_without_a_torque_there_is_none():
+def test_a_clutch_grips_up_to_its_force_and_a_zero_torque_means_no_clutch():
     push = LinearizedForce(9e9, 3.0)
     assert clutch.slipping(LIMIT, LIMIT) == clutch.slipping(0.0, -9e9) == 0.0
     assert clutch.slipping(LIMIT, -2600.0) == -LIMIT
@@ -60,8 +60,8 @@ FORCE = 2.0 * math.pi * TORQUE / 0.010
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_a_stalled_drive_turns_on_through_its_clutch(step):
-    """In the open stop the force is the clutch's, the motors go on, and the count loses the gate."""
+def test_a_stalled_drive_keeps_turning_through_its_clutch(step):
+    """In the open stop the force is the clutch's, the motors keep turning, and the count drifts from the gate."""
     vehicle = suv(f"clutch.torque={TORQUE}")
     plant = plant_of(vehicle)
     rows = fast_run(plant, at_rest(vehicle, 70.0), inputs(vehicle, OPEN), step, round(3.0 / step))
@@ -89,8 +89,8 @@ MECHANISMS = [(1e9, 4e3), (1e12, 0.0), (1e11, 4e3), (5e5, 1e8), (5e5, 3e6), (4e8
 
 @pytest.mark.parametrize("step", [1e-5, 1e-3, 5e-3])
 @pytest.mark.parametrize(("stiffness", "damping"), MECHANISMS)
-def test_no_mechanism_is_too_stiff_for_a_clutch(stiffness, damping, step):
-    """Thrown into reverse as it goes: the gate comes to where a soft one has it, and the currents are bounded."""
+def test_a_clutch_works_with_mechanisms_of_any_stiffness(stiffness, damping, step):
+    """A reversal in motion: the gate ends where one with a soft mechanism does, and currents stay bounded."""
     ends = {}
     for torque in (4.0, 900.0):
         vehicle = suv(
@@ -106,7 +106,7 @@ def test_no_mechanism_is_too_stiff_for_a_clutch(stiffness, damping, step):
     assert ends[4.0] == pytest.approx(64.63, abs=0.25)
 
 
-def test_a_clutch_that_never_slips_changes_nothing():
+def test_a_clutch_that_never_slips_has_no_effect():
     rows = {}
     for torque in (0.0, 900.0):
         vehicle = suv(f"clutch.torque={torque}")
@@ -114,7 +114,7 @@ def test_a_clutch_that_never_slips_changes_nothing():
     np.testing.assert_array_equal(rows[0.0], rows[900.0])
 
 
-def test_the_cut_out_holds_and_trips_as_the_data_sheet_says():
+def test_the_thermal_cut_out_holds_and_trips_as_in_the_data_sheet():
     """5 A for ever and 8.5 A hardly at 20 °C; 25 A for 3.6 s (default values with 36 mΩ)."""
     fuse = Cutout(resistance=0.036)
 
@@ -133,7 +133,7 @@ def test_the_cut_out_holds_and_trips_as_the_data_sheet_says():
     assert cutout.resistance_at(fuse, 135.0) == pytest.approx(0.036 * math.e**2)
 
 
-def test_a_stalled_motor_is_switched_off_by_its_cut_out_and_comes_back_cold():
+def test_the_cut_out_switches_a_stalled_motor_off_until_it_has_cooled():
     vehicle = suv("cutout.resistance=0.036")
     plant = plant_of(vehicle)
     stalled = fast_run(plant, at_rest(vehicle, 79.0), inputs(vehicle, OPEN), 1e-3, 30_000)
@@ -155,7 +155,7 @@ def test_a_stalled_motor_is_switched_off_by_its_cut_out_and_comes_back_cold():
     assert column(again, "left_current").max() > 10.0
 
 
-def test_the_cut_out_trips_as_its_equations_say():
+def test_the_trip_time_of_the_cut_out_agrees_with_its_equations():
     """A blocked rotor, solved by scipy."""
     vehicle = suv("cutout.resistance=0.3", "cutout.capacity=0.1", "spindle.friction_force=1e5")
     plant = plant_of(vehicle)
@@ -174,8 +174,8 @@ def test_the_cut_out_trips_as_its_equations_say():
 
 @pytest.mark.parametrize("damping", [4e3, 2e5])
 @pytest.mark.parametrize("step", [1e-5, 1e-3])
-def test_a_latch_that_takes_a_gate_pressed_into_the_seal_does_not_push_the_drives(damping, step):
-    """Beyond φ = 0 all along, it is taken without a way home within the step."""
+def test_a_latch_that_catches_a_gate_pressed_into_the_seal_does_not_push_the_drives(damping, step):
+    """The gate stays beyond φ = 0, so that it is caught without crossing home within the step."""
     vehicle = suv(f"mechanism.damping={damping}")
     plant = plant_of(vehicle)
     pressed = fast_run(plant, at_rest(vehicle, 3.0), inputs(vehicle, CLOSE), step, round(1.0 / step))
@@ -193,7 +193,7 @@ def test_a_latch_that_takes_a_gate_pressed_into_the_seal_does_not_push_the_drive
 @pytest.mark.parametrize("voltage", [0.0, 3.0, 12.0])
 @pytest.mark.parametrize("step", [1e-3, 5e-3])
 def test_a_coasting_motor_only_ever_charges_the_source(stiffness, voltage, step):
-    """Pushed by a hand: its mean current is against its back-EMF, whatever its mechanism does."""
+    """Pushed by a hand: the mean current opposes the back-EMF, whatever the mechanism does."""
     vehicle = suv(f"mechanism.stiffness={stiffness}")
     plant, state = plant_of(vehicle), at_rest(vehicle, 40.0)
     given = inputs(vehicle, COAST, supply_voltage=voltage, hand_force=-400.0)

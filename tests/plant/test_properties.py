@@ -1,4 +1,4 @@
-"""What holds for every state and input of the plant."""
+"""Properties that hold for every state and input of the plant."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VEHICLES = {
 
 @st.composite
 def states(draw: st.DrawFn, plant: Plant) -> State:
-    """Anything a gate could be in: between the stops, drives near their play, moving."""
+    """Any possible state of a gate: between the stops, drives near their play, moving."""
     angle = math.radians(draw(st.floats(0.5, 79.5)))
     extended = gate.extension(plant.link, angle)
 
@@ -92,7 +92,7 @@ def test_an_unpowered_gate_gains_no_energy(name: str, command: DriveInput, data:
 @pytest.mark.parametrize("name", VEHICLES)
 @CALM
 @given(data=st.data())
-def test_swapping_left_and_right_swaps_the_answer(name: str, data: st.DataObject) -> None:
+def test_swapping_left_and_right_swaps_the_result(name: str, data: st.DataObject) -> None:
     vehicle = VEHICLES[name]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))
@@ -110,7 +110,7 @@ def test_swapping_left_and_right_swaps_the_answer(name: str, data: st.DataObject
 @pytest.mark.parametrize("name", VEHICLES)
 @CALM
 @given(data=st.data())
-def test_compiled_equals_plain(name: str, data: st.DataObject) -> None:
+def test_the_compiled_plant_equals_the_plain_one(name: str, data: st.DataObject) -> None:
     vehicle = VEHICLES[name]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))
@@ -124,7 +124,7 @@ def test_compiled_equals_plain(name: str, data: st.DataObject) -> None:
 @pytest.mark.parametrize("step", [1e-5, 1e-4, 1e-3, 5e-3])
 @CALM
 @given(data=st.data())
-def test_every_state_steps_to_a_finite_one(step: float, data: st.DataObject) -> None:
+def test_a_step_from_any_state_gives_a_finite_state(step: float, data: st.DataObject) -> None:
     vehicle = VEHICLES["unlike drives"]
     plant = plant_of(vehicle)
     state = data.draw(states(plant))
@@ -133,7 +133,7 @@ def test_every_state_steps_to_a_finite_one(step: float, data: st.DataObject) -> 
     assert -math.radians(5.0) < end[GATE] < math.radians(90.0)
 
 
-def test_a_drive_that_is_not_there_changes_nothing() -> None:
+def test_a_missing_drive_has_no_effect() -> None:
     vehicle = suv("drives=1", "supply.internal_resistance=0.1")
     plant = plant_of(vehicle)
     start = at_rest(vehicle, 20.0)
@@ -145,7 +145,7 @@ def test_a_drive_that_is_not_there_changes_nothing() -> None:
     assert not np.any(right)
 
 
-def test_the_entry_points_compile() -> None:
+def test_the_plants_entry_points_compile() -> None:
     assert compiled(fill) is not fill
 
 

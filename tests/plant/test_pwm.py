@@ -24,7 +24,7 @@ R, L, C2 = 0.708, 4.37e-5, 0.0769
 
 
 class Switched(NamedTuple):
-    """What the simulation shows of its last period."""
+    """Values of the simulation's last PWM period."""
 
     mean: float
     rms: float
@@ -33,7 +33,7 @@ class Switched(NamedTuple):
 
 
 def switched(mode: str, duty: float, frequency: float, emf: float, supply: float = U) -> Switched:
-    """Small steps of L di/dt = u − R i − e with ideal transistors, and diodes that let nothing back."""
+    """Simulate L di/dt = u − R i − e in small steps, with ideal transistors and diodes that block."""
     period = 1.0 / frequency
     count = 4_000  # steps in a period
     h = period / count
@@ -93,7 +93,7 @@ POINTS = [
 
 @pytest.fixture(scope="module")
 def heavy() -> Vehicle:
-    """Of a rotor so heavy that its speed is given."""
+    """A plant whose rotors are so heavy that their speed is constant."""
     return load_vehicle("suv", ["motor.rotor_inertia=1.0", "bridge.diode_drop=0.7"], ideal=True)
 
 
@@ -105,7 +105,7 @@ def turning_at(plant: Plant, emf: float) -> State:
 
 @pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
 @pytest.mark.parametrize("step", [1e-4, 1e-3])
-def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
+def test_mean_rms_and_peak_agree_with_the_switched_current(
     heavy: Vehicle, mode: str, duty: float, frequency: float, emf: float, step: float
 ):
     own = heavy.left._replace(bridge=heavy.left.bridge._replace(pwm_frequency=frequency, freewheeling=mode))
@@ -129,7 +129,7 @@ def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
 
 
 @pytest.mark.parametrize("number", [*range(24), 217])  # a diode that conducts while the other sags
-def test_currents_and_terminal_voltage_on_a_source_with_resistance_are_the_switched_ones(number: int):
+def test_currents_and_terminal_voltage_behind_a_source_resistance_agree_with_switching(number: int):
     """A short version of `make accuracy`, which tries three hundred."""
     found = apart(number)
     assert found.is_met, (found, point(number))
@@ -146,7 +146,7 @@ def test_the_terminal_voltage_is_its_mean_over_a_period_with_slow_freewheeling_t
 
 
 @pytest.mark.parametrize("mode", ["slow", "diode", "fast"])
-def test_bridges_of_two_frequencies_see_each_other_in_the_mean(mode: str):
+def test_bridges_of_two_frequencies_affect_each_other_by_their_mean_currents(mode: str):
     left, right = Bridge(mode, 0.6, 19e3, 4.0), Bridge(mode, -0.8, 7e3, -5.0)
     exact = periodic([left, right], 12.0, 0.2, repeats=1e-3)
     found = compared(0, Point([left, right], 12.0, 0.2), 1e-3, repeats=1e-3)
@@ -154,8 +154,8 @@ def test_bridges_of_two_frequencies_see_each_other_in_the_mean(mode: str):
     assert found.terminal < 0.02
 
 
-def test_a_bridge_of_which_the_mean_is_taken_sags_with_what_a_switched_one_draws():
-    """The mean's own course: d (U − R_s drawn) = R i + e, of what both draw."""
+def test_an_averaged_bridge_sags_with_the_current_of_a_switched_one():
+    """The equation of the averaged bridge: d (U − R_s drawn) = R i + e, with the current drawn by both."""
     vehicle = vehicle_at(Point([Bridge("diode", 0.4, 5e3, 5.0)] * 2, 12.0, 0.2))
     mean = vehicle.right._replace(bridge=vehicle.right.bridge._replace(pwm_frequency=0.0))
     vehicle = vehicle._replace(right=mean)
@@ -172,7 +172,7 @@ def test_a_bridge_of_which_the_mean_is_taken_sags_with_what_a_switched_one_draws
     assert state.left.current == pytest.approx(beside.currents[0].mean, rel=1e-3)
 
 
-def test_what_the_source_gives_is_finite_where_a_motors_mean_current_is_zero():
+def test_the_source_current_is_finite_where_a_motors_mean_current_is_zero():
     """A motor that idles under a PWM without freewheeling diodes draws and brakes in turn."""
     bridge = Bridge("slow", 0.5, 2e3, 6.0)
     assert periodic([bridge], 12.0, 0.0).currents[0].mean == pytest.approx(0.0, abs=1e-9)
@@ -182,7 +182,7 @@ def test_what_the_source_gives_is_finite_where_a_motors_mean_current_is_zero():
 
 
 @pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
-def test_the_slopes_of_the_mean_are_its_slopes(mode: str, duty: float, frequency: float, emf: float):
+def test_the_slopes_of_the_mean_current_are_its_derivatives(mode: str, duty: float, frequency: float, emf: float):
     kind = float(("slow", "diode", "fast").index(mode))
     chopper = Chopper(kind, 1.0 / frequency, DROP, R, L)
     duty, emf, d = abs(duty), emf * math.copysign(1.0, duty), 1e-5
@@ -193,8 +193,8 @@ def test_the_slopes_of_the_mean_are_its_slopes(mode: str, duty: float, frequency
     assert now.by_supply == pytest.approx(by_supply / (2 * d), rel=1e-4, abs=1e-9)
 
 
-def test_energy_closes_over_a_period():
-    """What the source gives less what diodes and winding lose turns the motor."""
+def test_energy_is_conserved_over_a_pwm_period():
+    """The source's energy less the losses of diodes and winding drives the motor."""
     for mode in (1.0, 2.0):
         for emf in (1.0, 4.0, 7.0, 11.0):
             chopper = Chopper(mode, 1e-4, 0.0, R, L)
@@ -203,7 +203,7 @@ def test_energy_closes_over_a_period():
             assert U * now.drawn == pytest.approx(emf * now.mean + losses, rel=1e-9, abs=1e-9)
 
 
-def test_ripple_warms_the_winding():
+def test_ripple_current_warms_the_winding():
     def warmed(frequency: float) -> float:
         keys = ["thermal.enabled=1", f"bridge.pwm_frequency={frequency}"]
         vehicle = load_vehicle("suv", keys, ideal=True)
@@ -221,7 +221,7 @@ def test_ripple_warms_the_winding():
     assert 0.0 < quick - mean < 0.01 * (slow - mean)
 
 
-def test_no_peak_is_below_the_effective_value_whatever_the_bridge_does():
+def test_the_peak_current_is_never_below_the_rms_for_any_bridge_commands():
     """Duties that change their sign each tick leave current and ripple on both sides of zero."""
     for mode in ("slow", "diode", "fast"):
         keys = ["bridge.pwm_frequency=10000", f"bridge.freewheeling={mode}"]
@@ -237,7 +237,7 @@ def test_no_peak_is_below_the_effective_value_whatever_the_bridge_does():
 
 
 @pytest.mark.parametrize(("mode", "duty"), [("fast", 0.4), ("diode", 0.4), ("fast", 0.8)])
-def test_the_source_gives_what_the_shunt_in_the_ground_sees(mode: str, duty: float):
+def test_low_side_shunts_measure_the_current_of_the_source(mode: str, duty: float):
     keys = ["bridge.pwm_frequency=20000", f"bridge.freewheeling={mode}"]
     keys += ["supply.internal_resistance=0.1", "sensors.shunt_low_side=1"]
     with Gate(vehicle="suv", settings=keys, ideal=True, initial=20.0) as gate:
@@ -249,7 +249,7 @@ def test_the_source_gives_what_the_shunt_in_the_ground_sees(mode: str, duty: flo
         assert fall == pytest.approx(0.1 * seen, rel=0.02, abs=1e-4)
 
 
-def test_a_shunt_that_is_read_while_the_pwm_is_on_shows_that_time():
+def test_a_shunt_sampled_in_the_on_time_shows_the_on_time_current():
     keys = ["bridge.pwm_frequency=20000", "bridge.freewheeling=diode"]
     keys += ["sensors.shunt_low_side=1", "sensors.shunt_sampled_on=1"]
     with Gate(vehicle="suv", settings=keys, ideal=True, initial=20.0) as gate:
@@ -262,7 +262,7 @@ def test_a_shunt_that_is_read_while_the_pwm_is_on_shows_that_time():
         assert now.on * 0.3 == pytest.approx(now.drawn)
 
 
-def test_a_motor_on_a_voltage_of_its_own_is_seen_whole():
+def test_a_voltage_driven_motor_is_fully_visible_to_its_shunt():
     vehicle = load_vehicle("suv", ideal=True)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.5)
@@ -271,7 +271,7 @@ def test_a_motor_on_a_voltage_of_its_own_is_seen_whole():
 
 
 @pytest.mark.parametrize("emf", [0.0, 12.0, -0.7])
-def test_a_course_without_a_driving_voltage_is_finite(emf: float):
+def test_a_pwm_current_without_a_driving_voltage_is_finite(emf: float):
     for supply in (0.0, 12.0):
         for drop in (0.0, 0.7):
             for period in (1e-6, 1e-3, 0.077):
@@ -290,7 +290,7 @@ def test_a_course_without_a_driving_voltage_is_finite(emf: float):
         CurrentPath(-5.0, 2.0, 0.0, -7.0, 900.0, NO_SWITCHING),
     ],
 )
-def test_effective_value_and_peak_of_a_path_are_those_of_its_course(path: CurrentPath):
+def test_rms_and_peak_of_a_current_path_agree_with_its_course(path: CurrentPath):
     step = 1e-3
     times = np.linspace(0.0, step, 200_001)
     first = path.start - path.amplitude

@@ -1,4 +1,4 @@
-"""The rigid models against solutions written down here a second time, from the thesis's equations."""
+"""The rigid models against independent solutions of the thesis's equations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GRAVITY = 9.81
 
 
 class Run(NamedTuple):
-    """A vehicle from rest at an angle with constant inputs on both drives."""
+    """A run of a vehicle from rest at an angle with constant inputs on both drives."""
 
     vehicle: str
     settings: tuple[str, ...]
@@ -167,7 +167,7 @@ def solution(vehicle: Vehicle, case: Run, times: np.ndarray, order: int) -> np.n
 
 
 def model(vehicle: Vehicle, case: Run, times: np.ndarray, order: str, step: float) -> np.ndarray:
-    """Left current, right current, left speed, left position (n, 4) by the project."""
+    """Left current, right current, left speed, left position (n, 4) by this project's rigid model."""
     columns = {}
     for side, volts, duty in zip(("left", "right"), case.volts, case.duty, strict=True):
         columns[f"{side}_voltage_v"] = np.full(len(times), volts)
@@ -207,7 +207,7 @@ def test_the_rigid_models_solve_the_thesis_equations(order: str, name: str) -> N
 
 @pytest.mark.parametrize("name", ["opening", "closing", "heavy gate", "one drive"])
 @pytest.mark.parametrize("order", ["third-order", "second-order"])
-def test_errors_fall_with_the_square_of_the_step(order: str, name: str) -> None:
+def test_errors_of_the_rigid_models_fall_with_the_square_of_the_step(order: str, name: str) -> None:
     case = RUNS[name]._replace(speed=math.copysign(60.0, sum(RUNS[name].volts)))
     if order == "third-order":
         # A winding with a time constant that the steps resolve.
@@ -218,7 +218,7 @@ def test_errors_fall_with_the_square_of_the_step(order: str, name: str) -> None:
     assert np.all(np.log2(middle / fine) > 1.85)
 
 
-def test_a_vanishing_inductance_leaves_the_second_order_model() -> None:
+def test_a_vanishing_inductance_gives_the_second_order_model() -> None:
     times = np.arange(0.0, 1.0005, 0.005)
     distances = []
     for inductance in (4e-3, 1e-3, 2.5e-4):
@@ -232,7 +232,7 @@ def test_a_vanishing_inductance_leaves_the_second_order_model() -> None:
 
 
 @pytest.mark.parametrize("name", ["opening", "closing", "heavy gate", "one drive", "unlike drives"])
-def test_a_stiff_mechanism_without_play_leaves_the_third_order_model(name: str) -> None:
+def test_a_stiff_mechanism_without_play_gives_the_third_order_model(name: str) -> None:
     times = np.arange(0.0, 1.0005, 0.005)
     distances = []
     for stiffness in (5e5, 5e6, 5e7):
@@ -253,7 +253,7 @@ def test_a_stiff_mechanism_without_play_leaves_the_third_order_model(name: str) 
 @pytest.mark.parametrize("order", [3, 2])
 @pytest.mark.parametrize("angle_deg", [15.0, 40.0, 70.0])
 @pytest.mark.parametrize("volts", [-0.1, 0.0, 0.1])
-def test_friction_holds_a_gate_at_rest_exactly(volts: float, angle_deg: float, order: int) -> None:
+def test_friction_holds_a_resting_gate_exactly_still(volts: float, angle_deg: float, order: int) -> None:
     vehicle = vehicle_from("suv")
     case = Run("suv", (), angle_deg, (volts, volts))
     times = np.array([0.0, 0.5, 60.0])
@@ -265,7 +265,7 @@ def test_friction_holds_a_gate_at_rest_exactly(volts: float, angle_deg: float, o
 
 @pytest.mark.parametrize("order", ["third-order", "second-order"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_gate_breaks_away_at_the_friction_that_holds_it(sign: float, order: str) -> None:
+def test_a_gate_breaks_away_exactly_at_its_holding_friction(sign: float, order: str) -> None:
     vehicle = vehicle_from("suv", ("gate.hinge_friction=20",))
     plant = plant_of(vehicle)
     angle = math.radians(40.0)
@@ -313,14 +313,14 @@ def test_a_coasting_motor_has_no_current_and_runs_out(order: int) -> None:
     assert speeds[-1] == 0.0
 
 
-def test_the_lever_bends_as_its_difference_quotient_says() -> None:
+def test_the_slope_of_the_lever_arm_agrees_with_its_difference_quotient() -> None:
     link = plant_of(vehicle_from("suv")).link
     for angle in np.linspace(0.05, 1.5, 7):
         slope = (gate.lever(link, angle + 1e-6) - gate.lever(link, angle - 1e-6)) / 2e-6
         assert rigid.bend(link, angle) == pytest.approx(slope, rel=1e-8)
 
 
-def test_an_extension_out_of_reach_gives_the_nearest_angle() -> None:
+def test_an_extension_beyond_the_linkages_reach_gives_the_nearest_angle() -> None:
     link = plant_of(vehicle_from("suv")).link
     assert rigid.angle_at(link, gate.extension(link, 0.7)) == pytest.approx(0.7, abs=1e-12)
     assert rigid.angle_at(link, 10.0) == pytest.approx(math.pi - link.offset)

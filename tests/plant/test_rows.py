@@ -1,4 +1,4 @@
-"""Rows of the catalogue take each value of the plant from where it is, and give it in the units of files."""
+"""Rows of the catalogue hold each value of the plant under its name, in the units of files."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
 
 
 @BOTH
-def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
+def test_every_field_of_the_truth_has_the_plants_value_of_its_name(which: str) -> None:
     numbers = count(1.5)
     state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
     shown, load = distinct(Outputs, numbers), inputs.load
@@ -97,8 +97,8 @@ IDEAL = Sensors(acceleration_distance=0.7)
 
 
 @BOTH
-def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> None:
-    """Without errors of the sensors; the Hall decoders have missed what the count shows that they began with."""
+def test_every_sensed_field_has_the_plants_value_of_its_name(which: str) -> None:
+    """Sensors without errors; the Hall decoders have missed the edges before the initial count."""
     numbers = count(1.5)
     plant = plant_of(suv())
     state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
@@ -157,7 +157,7 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
 
 
 @pytest.mark.parametrize("steps", [(1, 0), (2, 1), (3, 2), (0, 3)])
-def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> None:
+def test_each_hall_level_column_is_that_of_its_own_sensor(steps: tuple[int, int]) -> None:
     numbers = count(1.5)
     state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))
     left, right = (step / 4.0 for step in steps)
@@ -172,7 +172,7 @@ def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> No
 
 
 def noisy(name: str) -> set[str]:
-    """What changes with one of the sensors' errors."""
+    """Columns that change with one of the sensors' errors."""
     numbers = count(1.5)
     plant = plant_of(suv())
     state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))
@@ -205,7 +205,7 @@ IN_MOTORS = {f"{side}_{part}_temperature_degc" for side in ("left", "right") for
         ("temperature_offset", {"ambient_temperature_degc", *IN_MOTORS}),
     ],
 )
-def test_an_error_of_a_sensor_is_in_its_own_column(name: str, columns: set[str]) -> None:
+def test_a_sensor_error_appears_in_its_own_columns_only(name: str, columns: set[str]) -> None:
     assert noisy(name) == columns
 
 
@@ -213,7 +213,7 @@ def test_an_error_of_a_sensor_is_in_its_own_column(name: str, columns: set[str])
 
 
 def load_by_name(load: Load) -> dict[str, float]:
-    """The surroundings as columns."""
+    """Surroundings by the names of their columns."""
     return {
         "supply_voltage_v": load.supply_voltage,
         "road_slope_deg": math.degrees(load.road_slope),
@@ -228,7 +228,7 @@ def load_by_name(load: Load) -> dict[str, float]:
 
 
 @BOTH
-def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
+def test_every_surroundings_column_reaches_the_field_of_its_name(which: str) -> None:
     numbers = count(1.5)
     base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
     call = called(overlaid, which)
@@ -249,7 +249,7 @@ def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
 
 
 @BOTH
-def test_a_rising_supply_is_what_it_is_at_a_share_of_the_step(which: str) -> None:
+def test_a_rising_supply_voltage_is_interpolated_within_the_step(which: str) -> None:
     inputs = distinct(Inputs)
     load = inputs.load
     for share, voltage in ((0.0, -0.5), (0.5, 0.0), (1.0, 0.5)):
@@ -260,7 +260,7 @@ def test_a_rising_supply_is_what_it_is_at_a_share_of_the_step(which: str) -> Non
 
 
 @BOTH
-def test_a_voltage_that_is_given_does_not_rise_with_the_one_below_it(which: str) -> None:
+def test_a_specified_supply_voltage_ignores_the_rise_of_the_default(which: str) -> None:
     base = distinct(Load)
     row = np.full(len(INPUT_COLUMNS), np.nan)
     assert called(inputs_of, which)(row, base, NOMINAL).load == base
@@ -270,7 +270,7 @@ def test_a_voltage_that_is_given_does_not_rise_with_the_one_below_it(which: str)
 
 
 @BOTH
-def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> None:
+def test_every_offline_input_column_reaches_the_field_of_its_name(which: str) -> None:
     numbers = count(1.5)
     base = distinct(Load, numbers)
     row = np.array([next(numbers) for _ in INPUT_COLUMNS])

@@ -1,4 +1,4 @@
-"""The current's way to the converter: ripple and low-pass give the same reading at any tick."""
+"""The current ahead of the converter: ripple and low-pass give the same reading at any tick rate."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100
 
 
 def behind(signal, filtered: float, constant: float, step: float) -> float:
-    """A signal behind a low-pass at the end of a step, by quadrature."""
+    """Output of a low-pass at the end of a step, by quadrature."""
     share, _ = quad(
         lambda t: signal(t) * math.exp(-(step - t) / constant) / constant,
         0.0, step, epsabs=1e-11, epsrel=1e-11, limit=500,
@@ -54,7 +54,7 @@ def behind(signal, filtered: float, constant: float, step: float) -> float:
     step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]),
     filtered=st.floats(-20, 20),
 )  # fmt: skip
-def test_a_line_with_a_transient_passes_the_filter_as_by_quadrature(
+def test_a_linear_and_exponential_current_is_filtered_as_by_quadrature(
     first, last, amplitude, rest, decay, constant, step, filtered
 ) -> None:
     def current(time: float) -> float:
@@ -69,7 +69,7 @@ def test_a_line_with_a_transient_passes_the_filter_as_by_quadrature(
     assert low_passed(filtered, path, constant, step) == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
-def test_any_time_constant_passes() -> None:
+def test_filtering_is_finite_for_any_time_constant() -> None:
     path = CurrentPath(3.0, 1.0, 1.5, 2.0, 1.62e4, NO_SWITCHING)
     for constant in (1e-9, 1e-6, 1e-3, 1.0):
         for step in (1e-5, 5e-3):
@@ -82,14 +82,14 @@ def test_any_time_constant_passes() -> None:
     start=st.floats(-1e3, 1e3), way=st.floats(-60, 60), amplitude=st.floats(-2, 2),
     constant=st.sampled_from([6.2e-5, 1e-3, 0.01]), step=st.sampled_from([1e-5, 1e-3, 5e-3]),
 )  # fmt: skip
-def test_a_ripple_passes_the_filter_as_by_quadrature(start, way, amplitude, constant, step) -> None:
+def test_a_ripple_is_filtered_as_by_quadrature(start, way, amplitude, constant, step) -> None:
     expected = behind(lambda t: amplitude * math.cos(start + way * t / step), 0.0, constant, step)
     given = Ripple(amplitude, start, start + way)
     assert rippled(given, constant, step) == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
 @pytest.mark.parametrize("way", [0.0, 1e-9, 1e-3, 0.5, 2.0 * math.pi, 40.0])
-def test_without_a_filter_a_tick_shows_the_mean_of_the_ripple(way: float) -> None:
+def test_without_a_filter_a_reading_is_the_mean_of_the_ripple_over_the_tick(way: float) -> None:
     expected, _ = quad(lambda s: math.cos(0.7 + way * s), 0.0, 1.0, limit=200)
     assert rippled(Ripple(1.0, 0.7, 0.7 + way), 0.0, 1e-3) == pytest.approx(expected, abs=1e-9)
 
@@ -106,7 +106,7 @@ def readings(
     every: int,
     out: np.ndarray,
 ) -> None:
-    """The left motor's current as sensed, every so many steps; a phase is duty, coast and its last step."""
+    """Readings of the left motor's current every `every` steps; a phase is duty, coast and its last step."""
     written = done = 0
     for phase in range(len(phases)):
         drive = DriveInput(phases[phase, 0], 0.0, phases[phase, 1])
@@ -124,7 +124,7 @@ def readings(
 
 
 def sensed_over_a_cycle(rate: float, sample_rate: float, **table: float) -> np.ndarray:
-    """Open for 6 s, coast, close: what the left current sensor shows at each sample."""
+    """Samples of the left current sensor over a cycle: open for 6 s, coast, close."""
     vehicle = suv()
     plant = plant_of(vehicle)
     state = initial_state(plant)
@@ -149,7 +149,7 @@ def test_a_filtered_reading_is_the_same_at_1_and_at_20_khz(ripple: float) -> Non
     assert np.abs(coarse - fine).max() < 5e-3
 
 
-def test_an_ecu_counts_turns_by_the_ripple_that_it_samples_at_10_khz() -> None:
+def test_an_ecu_sampling_at_10_khz_counts_turns_by_the_ripple() -> None:
     """A counter of an ECU: the reading without its slow part, counted where it passes zero with hysteresis."""
     shown = sensed_over_a_cycle(1e4, 1e4, ripple=0.1)
     part = shown[10_000:30_000]  # in motion
@@ -174,8 +174,8 @@ def test_an_ecu_counts_turns_by_the_ripple_that_it_samples_at_10_khz() -> None:
 
 @pytest.mark.parametrize("length", [1e-4, 3e-4, 1e-3, 7e-3])
 @pytest.mark.parametrize("step", [1e-3, 2.5e-4])
-def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, step: float) -> None:
-    """Of a path made of lines and transients, against its own charge."""
+def test_an_averaging_window_gives_the_mean_of_the_last_completed_window(length: float, step: float) -> None:
+    """A path of lines and transients, compared with the integral of its current."""
     rng = np.random.default_rng(3)
     path_at = [
         CurrentPath(*rng.normal(2.0, 1.0, 3), float(rng.normal(0.0, 2.0)), 1.6e4, NO_SWITCHING) for _ in range(60)
@@ -199,8 +199,8 @@ def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, s
             assert window.mean == pytest.approx(values[begin:end].mean(), abs=3e-3)
 
 
-def test_a_window_of_whole_commutations_has_no_ripple() -> None:
-    """At 100 rev/s and 14 commutations a turn they are 1/1400 s long; of two thirds of one something is left."""
+def test_an_averaging_window_of_whole_commutation_periods_removes_the_ripple() -> None:
+    """At 100 rev/s and 14 commutations a turn a period is 1/1400 s; two thirds of one leave some ripple."""
     path = CurrentPath(3.0, 3.0, 3.0, 0.0, 1.0, NO_SWITCHING)
     rate, step = 2.0 * math.pi * 1400.0, 5e-4
 
@@ -219,7 +219,7 @@ def test_a_window_of_whole_commutations_has_no_ripple() -> None:
 
 
 @pytest.mark.parametrize("part", [(0.0, 1e-3), (2e-4, 7e-4), (9e-4, 1e-3)])
-def test_a_part_of_a_path_is_that_part(part: tuple[float, float]) -> None:
+def test_a_part_of_a_current_path_has_the_same_values_there(part: tuple[float, float]) -> None:
     path = CurrentPath(5.0, -2.0, 1.2, 4.0, 3e3, NO_SWITCHING)
     begin, end = part
     own = part_of(path, begin, end, 1e-3)
@@ -234,7 +234,7 @@ def test_a_part_of_a_path_is_that_part(part: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize(("sampled", "duty", "share"), [(0, 0.5, 0.5), (0, -0.5, -0.5), (1, -0.5, -1.0)])
-def test_a_low_side_shunt_sees_what_the_source_gives(sampled: int, duty: float, share: float) -> None:
+def test_a_low_side_shunt_measures_the_source_current(sampled: int, duty: float, share: float) -> None:
     keys = ["sensors.shunt_low_side=1", f"sensors.shunt_sampled_on={sampled}"]
     with Gate(vehicle="suv", settings=keys, ideal=True, initial=40.0) as gate:
         way = "open" if duty > 0.0 else "close"
@@ -251,7 +251,7 @@ def test_a_low_side_shunt_sees_what_the_source_gives(sampled: int, duty: float, 
     ("segments", "brushes", "expected"),
     [(7, 2, 14), (8, 2, 8), (12, 4, 12), (10, 4, 20), (5, 2, 10), (9, 6, 18), (2, 2, 2)],
 )
-def test_brushes_that_pass_at_once_commutate_once(segments, brushes, expected) -> None:
+def test_brushes_that_pass_segments_at_once_commutate_once(segments, brushes, expected) -> None:
     """Counted at the angles at which a brush reaches a segment."""
     passed = {
         round(turn % 1.0, 9) % 1.0
@@ -264,7 +264,7 @@ def test_brushes_that_pass_at_once_commutate_once(segments, brushes, expected) -
 
 
 def rippling(settings: list[str]) -> tuple[list[float], float]:
-    """What the ideal SUV reads beyond the current [A], 0.2 s at 10 kHz, and its motor's speed [rev/s]."""
+    """Reading of the ideal SUV less the current [A], 0.2 s at 10 kHz, and its motor's speed [rev/s]."""
     with Gate(vehicle="suv", settings=settings, ideal=True, initial=30.0, rate=10e3) as gate:
         gate.command(left_duty=70, right_duty=70, direction="open")
         gate.step(0.6)
@@ -275,7 +275,7 @@ def rippling(settings: list[str]) -> tuple[list[float], float]:
         return seen, gate.truth["left_speed_rps"]
 
 
-def test_another_commutator_has_another_ripple() -> None:
+def test_the_ripple_frequency_follows_from_segments_and_brushes() -> None:
     """12 segments and 4 brushes: 12 commutations a turn, in the spectrum of what is read at 10 kHz."""
     keys = ["sensors.commutator_ripple=1", "sensors.commutator_segments=12", "sensors.commutator_brushes=4"]
     seen, turning = rippling(keys)
@@ -284,7 +284,7 @@ def test_another_commutator_has_another_ripple() -> None:
     assert strongest == pytest.approx(12.0 * turning, rel=0.01)
 
 
-def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_winding() -> None:
+def test_ideal_commutator_ripple_agrees_with_the_emfs_fourier_series_through_r_and_l() -> None:
     """14 commutations a turn, rectified sines: the fundamental by its own Fourier integral, through R and L."""
     order, speed = 14, 120.0
     angles = np.linspace(0.0, 2.0 * math.pi / order, 200_001)

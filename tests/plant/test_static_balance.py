@@ -1,4 +1,4 @@
-"""What acts on a gate at rest, what its drives hold and what they start: against the plant that moves."""
+"""Torques on a gate at rest, its drives' holding and starting torques: against the moving plant."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def with_supply(rest: Rest, voltage: float) -> Rest:
 
 
 def moved(vehicle: Vehicle, start: State, command, seconds: float, **changes) -> float:
-    """How far the gate moves [deg]."""
+    """Range of the gate's motion [deg]."""
     rows = fast_run(plant_of(vehicle), start, inputs(vehicle, command, **changes), STEP, round(seconds / STEP))
     return math.degrees(np.ptp(column(rows, "angle")))
 
 
 def settled(vehicle: Vehicle, angle_deg: float) -> State:
-    """At rest, with the mechanism bent by what the drives hold."""
+    """State at rest, with the mechanism bent by the torque that the drives hold."""
     given_ = inputs(vehicle, COAST)
     return state_of(fast_run(plant_of(vehicle), at_rest(vehicle, angle_deg), given_, STEP, 3000)[-1])
 
 
-def test_the_torques_add_up_to_that_of_the_plant() -> None:
+def test_the_static_torques_add_up_to_that_of_the_plant() -> None:
     vehicle = suv(
         "environment.snow_mass=8", "environment.hand_force=-20", "environment.road_slope_deg=5",
         "latch.half=0.012", "right.spring.health=0.5",
@@ -69,7 +69,7 @@ def test_without_snow_and_hand_only_the_weight_closes() -> None:
     assert found.around == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_band_is_what_friction_holds_to_either_side() -> None:
+def test_the_holding_band_is_the_torque_that_friction_holds_in_either_direction() -> None:
     rest = statics.rest_of(suv("gate.hinge_friction=3", "spindle.load_friction=0.1"))
     found = statics.balance_over(rest, np.radians([2.0, 40.0]))
     for k, angle in enumerate(found.angles.tolist()):
@@ -77,7 +77,7 @@ def test_the_band_is_what_friction_holds_to_either_side() -> None:
         assert -found.net[k] - found.held_closing[k] == pytest.approx(statics.margin(rest, STILL, angle, CLOSING))
 
 
-def test_stalled_motors_share_the_source() -> None:
+def test_stalled_motors_share_the_source_resistance() -> None:
     rest = statics.rest_of(suv("supply.internal_resistance=0.05"))
     found = statics.turning(rest, -1.0)
     assert found.currents == pytest.approx((-12.0 / 0.808, -12.0 / 0.808), rel=1e-9)
@@ -86,7 +86,7 @@ def test_stalled_motors_share_the_source() -> None:
     assert alone.currents == pytest.approx((12.0 / 0.758, 0.0), rel=1e-9)
 
 
-def test_a_turning_motor_has_the_current_that_its_emf_leaves() -> None:
+def test_the_steady_current_of_a_turning_motor_follows_from_its_back_emf() -> None:
     found = statics.turning(statics.rest_of(suv()), 1.0, speed=100.0)
     assert found.currents[0] == pytest.approx((12.0 - 0.0769 * 100.0) / 0.708, rel=1e-9)
 
@@ -106,7 +106,7 @@ def test_the_best_efficiency_is_between_idling_and_stall() -> None:
     load_friction=st.floats(0.0, 0.9),
     along=st.sampled_from([OPENING, CLOSING]),
 )
-def test_the_force_balances_a_shaft_that_is_about_to_turn(
+def test_the_static_force_balances_a_shaft_about_to_turn(
     torque: float, nominal: float, load_friction: float, along: float
 ) -> None:
     drive = plant_of(suv(f"spindle.load_friction={load_friction}", "friction.static_ratio=1.3")).left
@@ -116,13 +116,13 @@ def test_the_force_balances_a_shaft_that_is_about_to_turn(
     assert torque - kappa * force == pytest.approx(along * friction, abs=1e-9)
 
 
-def test_a_drive_that_turns_has_the_friction_of_its_speed() -> None:
+def test_a_turning_drive_has_the_friction_of_its_speed() -> None:
     drive = plant_of(suv("friction.viscous=1e-4", "friction.static_ratio=1.3")).left
     force = statics.force_of(drive, 0.1, 1.0, OPENING, speed=50.0)
     assert drive.torque_per_force * force == pytest.approx(0.1 - drive.friction.coulomb - 1e-4 * 50.0, rel=1e-9)
 
 
-def test_clutch_jam_and_torn_mechanism_bound_the_force() -> None:
+def test_clutch_jam_and_torn_mechanism_limit_the_static_force() -> None:
     slips = plant_of(suv("clutch.torque=1.0")).left
     assert statics.force_of(slips, 0.2, 1.0, OPENING) == pytest.approx(2.0 * math.pi / 0.010)
     jams = plant_of(suv("spindle.load_friction=1.0")).left
@@ -135,7 +135,7 @@ def test_clutch_jam_and_torn_mechanism_bound_the_force() -> None:
 @pytest.mark.parametrize("angle_deg", [5.0, 20.0, 60.0])
 @pytest.mark.parametrize("along", [OPENING, CLOSING])
 @pytest.mark.parametrize("more", ["gate.hinge_friction=4", "friction.static_ratio=1.3"])
-def test_the_drives_start_the_gate_at_the_supply_of_the_margin(angle_deg: float, along: float, more: str) -> None:
+def test_the_gate_starts_at_the_supply_voltage_of_zero_margin(angle_deg: float, along: float, more: str) -> None:
     vehicle = suv(more, "gear.backlash=0")
     rest, start = statics.rest_of(vehicle), settled(vehicle, angle_deg)
 
@@ -149,7 +149,7 @@ def test_the_drives_start_the_gate_at_the_supply_of_the_margin(angle_deg: float,
 
 
 @pytest.mark.parametrize("slope_deg", [-8.0, -4.0])
-def test_the_gate_opens_by_itself_below_the_angle_of_the_margin(slope_deg: float) -> None:
+def test_the_gate_opens_by_itself_below_the_angle_of_zero_margin(slope_deg: float) -> None:
     vehicle = suv(f"environment.road_slope_deg={slope_deg}")
     rest = statics.rest_of(vehicle)
     edge = brentq(lambda angle: statics.margin(rest, STILL, angle, OPENING), math.radians(2.0), math.radians(40.0))
@@ -158,7 +158,7 @@ def test_the_gate_opens_by_itself_below_the_angle_of_the_margin(slope_deg: float
     assert statics.margin(rest, STILL, math.radians(60.0), CLOSING) < 0.0
 
 
-def test_the_friction_is_that_of_the_place_and_the_cold() -> None:
+def test_static_friction_depends_on_position_and_temperature() -> None:
     vehicle = suv(
         "friction.position_table=[[0, 1.0], [1, 2.0]]", "friction.temperature_coefficient=0.01",
         "environment.ambient_temperature_degc=-10",
@@ -169,7 +169,7 @@ def test_the_friction_is_that_of_the_place_and_the_cold() -> None:
     assert statics.frictions(rest, top) == pytest.approx((2.6, 2.6), rel=1e-3)
 
 
-def test_the_map_has_the_margins_of_each_of_its_points() -> None:
+def test_the_map_of_margins_agrees_with_each_of_its_points() -> None:
     rest = statics.rest_of(suv("gate.hinge_friction=2"))
     slopes, angles, voltages = np.radians([-9.0, 0.0, 9.0]), np.radians([0.0, 5.0, 79.0]), np.array([2.0, 9.0])
     found = statics.map_over(rest, slopes, angles, voltages)

@@ -1,4 +1,4 @@
-"""A gate that twists: forces where they act, and the rigid gate as its limit."""
+"""A gate that twists: forces at their lateral positions, and the rigid gate as its limit."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from tests.plant.runs import BRAKE, OPEN, at_rest, column, fast_run, inputs, loa
 TWISTS = ["gate.torsional_stiffness=4000", "gate.half_width=0.6"]
 
 
-def test_hand_and_snow_act_where_they_are() -> None:
-    """As a potential has it, with the snow's height and the hand's way at φ + ψ y/w."""
+def test_hand_and_snow_act_on_the_twist_at_their_lateral_positions() -> None:
+    """By a potential with the snow's height and the hand's displacement at φ + ψ y/w."""
     vehicle = suv(*TWISTS, "environment.hand_lateral=0.3", "environment.snow_lateral=-0.45")
     plant = plant_of(vehicle)
     given = load(vehicle, snow_mass=12.0, hand_force=35.0, road_slope=0.05)
@@ -52,7 +52,7 @@ def test_a_hand_at_the_side_twists_a_held_gate_by_its_torque_over_the_stiffness(
     assert column(rows, "angle")[-1] == pytest.approx(math.radians(40.0), abs=1e-12)
 
 
-def test_the_mode_swings_with_its_own_frequency() -> None:
+def test_the_torsion_mode_oscillates_at_its_own_frequency() -> None:
     def swung(stiffness: float, step: float = 1e-3) -> np.ndarray:
         torsion, twist, rate, twists = Torsion(stiffness, 0.0, 3.5, 0.6), 0.01, 0.0, []
         for _ in range(4000):
@@ -68,7 +68,7 @@ def test_the_mode_swings_with_its_own_frequency() -> None:
         assert np.abs(swung(stiffness)).max() < 0.0101
 
 
-def test_a_stiff_gate_is_the_rigid_one() -> None:
+def test_a_torsionally_stiff_gate_behaves_like_the_rigid_one() -> None:
     unlike = ["right.motor.resistance=0.85", "right.gear.friction_torque=0.9"]
     runs = []
     for settings in ([], ["gate.torsional_stiffness=1e9", "gate.torsional_damping=1e4"]):
@@ -80,8 +80,8 @@ def test_a_stiff_gate_is_the_rigid_one() -> None:
     assert np.abs(column(runs[1], "twist")).max() < 1e-6
 
 
-def test_the_mirrored_gate_does_the_mirrored_thing() -> None:
-    """Drives and obstacle exchanged: currents exchanged, twist the other way."""
+def test_a_mirrored_gate_moves_mirrored() -> None:
+    """Drives and obstacle exchanged: currents exchanged, twist of opposite sign."""
 
     def run(near: str, far: str, side: float) -> list[np.ndarray]:
         vehicle = suv(*TWISTS, f"{far}.spring.health=0.3", f"{near}.motor.resistance=0.9")
@@ -98,7 +98,7 @@ def test_the_mirrored_gate_does_the_mirrored_thing() -> None:
     assert np.abs(one[3]).max() > 0.005
 
 
-def test_a_rigid_gate_has_no_side() -> None:
+def test_a_rigid_gate_does_not_twist() -> None:
     assert share_at(Torsion(0.0, 0.0, 3.5, 0.6), 0.5) == 0.0
     assert share_at(Torsion(1.0, 0.0, 3.5, 0.6), -0.3) == -0.5
     vehicle = suv()

@@ -25,7 +25,7 @@ ANGLE, LEFT_CURRENT, RIGHT_CURRENT, LEFT_SPEED = range(4)
 
 
 class Claim(NamedTuple):
-    """What a vehicle's head comment says: times in s, currents in A at full duty and 12 V."""
+    """Claims of a vehicle's head comment: times in s, currents in A at full duty and 12 V."""
 
     drives: int
     opening_time: tuple[float, float]
@@ -70,7 +70,7 @@ def held_from(name: str, slope: float) -> float:
 
 
 def force_on_a_drive(name: str, angle: float, slope: float) -> float:
-    """What springs, weight and seal ask of each drive's friction [N], as a force at the spindle."""
+    """Force that springs, weight and seal put on each drive at the spindle [N]."""
     p = plant(name)
     # A drive in the middle of its play pushes nothing.
     torque = dynamics.gate_torque(p, initial.initial_state(p, angle), surroundings(name, slope=slope))
@@ -95,7 +95,7 @@ def _run(p: Plant, state: State, inputs: Inputs, step: float, steps: int, record
 def run(
     name: str, state: State, command: int, load: Load, duration: float, step: float = STEP
 ) -> tuple[State, np.ndarray]:
-    """Both drives at full duty, braked or coasting for `duration`; one row per step."""
+    """Run both drives at full duty, braked or coasting for `duration`; one row per step."""
     drive = drive_input(command, 1.0)
     steps = round(duration / step)
     record = np.zeros((steps, 4))
@@ -127,19 +127,19 @@ def test_all_shipped_vehicles_are_tested() -> None:
 
 
 @every_vehicle
-def test_loads_without_faults(name: str) -> None:
+def test_a_shipped_vehicle_loads_with_the_claimed_number_of_drives(name: str) -> None:
     assert vehicle(name).drives == CLAIMS[name].drives
 
 
 @every_vehicle
-def test_actuator_has_a_clear_lever_all_the_way(name: str) -> None:
+def test_the_actuator_has_a_lever_arm_over_the_whole_travel(name: str) -> None:
     angles = np.linspace(0.0, vehicle(name).gate.open_angle, 201)
     assert min(gate.lever(plant(name).link, angle) for angle in angles) > 0.1
 
 
 @every_slope
 @every_vehicle
-def test_friction_of_the_drives_holds_the_gate(name: str, slope: float) -> None:
+def test_the_drives_friction_holds_the_gate_at_the_claimed_angles(name: str, slope: float) -> None:
     angles = np.linspace(math.radians(held_from(name, slope)), vehicle(name).gate.open_angle, 300)
     asked = [abs(force_on_a_drive(name, angle, slope)) for angle in angles]
     limit = 1.0 if held_from(name, slope) > 3.0 else CLAIMS[name].used
@@ -149,7 +149,7 @@ def test_friction_of_the_drives_holds_the_gate(name: str, slope: float) -> None:
 @pytest.mark.parametrize("command", [bridge.BRAKE, bridge.COAST], ids=["braked", "coasting"])
 @every_slope
 @every_vehicle
-def test_stays_exactly_where_it_is_left(name: str, slope: float, command: int) -> None:
+def test_a_gate_left_alone_stays_exactly_where_it_is(name: str, slope: float, command: int) -> None:
     load = surroundings(name, slope=slope)
     top = math.degrees(vehicle(name).gate.open_angle) - 1.0
     for angle in np.linspace(held_from(name, slope) + 0.1, top, 6):
@@ -166,7 +166,7 @@ def test_stays_exactly_where_it_is_left(name: str, slope: float, command: int) -
 
 @every_slope
 @every_vehicle
-def test_seal_overcomes_the_drives_of_a_closed_gate(name: str, slope: float) -> None:
+def test_the_seal_overcomes_the_drives_of_a_closed_gate(name: str, slope: float) -> None:
     law = plant(name).left.friction
     hinge = plant(name).hinge.coulomb / gate.lever(plant(name).link, 0.0)
     holding = friction_force(name) * law.static_ratio + hinge
@@ -175,7 +175,7 @@ def test_seal_overcomes_the_drives_of_a_closed_gate(name: str, slope: float) -> 
 
 @pytest.mark.parametrize("command", [bridge.BRAKE, bridge.COAST], ids=["braked", "coasting"])
 @every_vehicle
-def test_released_gate_springs_out_of_the_seal_and_stops(name: str, command: int) -> None:
+def test_a_released_gate_springs_out_of_the_seal_and_stops(name: str, command: int) -> None:
     start = initial.initial_state(plant(name))
     end, record = run(name, start, command, surroundings(name), 5.0)
     assert 0.3 < math.degrees(end.gate_angle) < 4.0
@@ -183,7 +183,7 @@ def test_released_gate_springs_out_of_the_seal_and_stops(name: str, command: int
 
 
 @every_vehicle
-def test_opens_fully_in_the_time_claimed(name: str) -> None:
+def test_the_gate_opens_fully_in_the_claimed_time(name: str) -> None:
     arrived = opening(name)[:, ANGLE] >= vehicle(name).gate.open_angle
     low, high = CLAIMS[name].opening_time
     assert arrived.any()
@@ -191,7 +191,7 @@ def test_opens_fully_in_the_time_claimed(name: str) -> None:
 
 
 @every_vehicle
-def test_open_stop_stalls_the_drives(name: str) -> None:
+def test_the_open_stop_stalls_the_drives(name: str) -> None:
     last = opening(name)[-1]
     assert last[LEFT_SPEED] == 0.0
     assert last[ANGLE] < vehicle(name).gate.open_angle + math.radians(1.0)
@@ -204,7 +204,7 @@ def test_open_stop_stalls_the_drives(name: str) -> None:
 
 @every_vehicle
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["opening", "closing"])
-def test_current_while_travelling(name: str, way: float) -> None:
+def test_the_current_while_travelling_is_as_claimed(name: str, way: float) -> None:
     top, claim = vehicle(name).gate.open_angle, CLAIMS[name]
     record = opening(name) if way > 0.0 else closing(name)
     arrived = record[:, ANGLE] >= top if way > 0.0 else record[:, ANGLE] <= 0.0
@@ -215,7 +215,7 @@ def test_current_while_travelling(name: str, way: float) -> None:
 
 
 @every_vehicle
-def test_drives_share_the_work_or_there_is_only_one(name: str) -> None:
+def test_two_drives_share_the_load_equally_and_a_missing_one_has_no_current(name: str) -> None:
     right = opening(name)[:, RIGHT_CURRENT]
     if CLAIMS[name].drives == 2:
         np.testing.assert_allclose(right, opening(name)[:, LEFT_CURRENT], rtol=0.0, atol=1e-9)
@@ -232,7 +232,7 @@ def test_full_duty_closes_against_the_seal(name: str, slope: float, voltage: flo
 
 @every_slope
 @every_vehicle
-def test_closing_drives_have_reserve_over_the_seal_at_9_volts(name: str, slope: float) -> None:
+def test_closing_drives_overcome_the_seal_at_9_volts(name: str, slope: float) -> None:
     drive, count = plant(name).left, vehicle(name).drives
     current = 9.0 / (drive.motor.resistance + count * plant(name).source_resistance)
     stalled = drive.motor.torque_constant * current / drive.torque_per_force
@@ -242,7 +242,7 @@ def test_closing_drives_have_reserve_over_the_seal_at_9_volts(name: str, slope: 
 
 
 @pytest.mark.parametrize("name", BALANCED)
-def test_rear_lowered_or_raised_changes_little(name: str) -> None:
+def test_a_slope_of_8_degrees_hardly_changes_the_opening_time(name: str) -> None:
     start = initial.initial_state(plant(name))
     top = vehicle(name).gate.open_angle
     for slope in (-8.0, 8.0):
@@ -253,7 +253,7 @@ def test_rear_lowered_or_raised_changes_little(name: str) -> None:
         assert travelling(record, arrived, top)[:, LEFT_CURRENT].min() > 0.2
 
 
-def test_suv_hand_checks() -> None:
+def test_derived_constants_of_the_suv_agree_with_hand_calculations() -> None:
     p = plant("suv")
     assert p.left.friction.coulomb == pytest.approx(0.013628, abs=5e-7)
     assert p.gate_inertia == pytest.approx(10.5467, abs=5e-5)

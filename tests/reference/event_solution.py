@@ -32,7 +32,7 @@ ROUNDING = 1e-13  # m, rev/s, rad/s, A, and relative to a torque
 
 
 class SmallRadau(Radau):
-    """scipy's Radau with LAPACK's own functions: those around them take longer to check than to solve."""
+    """scipy's Radau with LAPACK's own functions, as scipy's checks around them take longer than the solution."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -58,7 +58,7 @@ class DriveInput:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Compliant body met at `angle` [rad], `distance` [m] from the hinge, after `gap` [m]."""
+    """Compliant obstacle hit at `angle` [rad], `distance` [m] from the hinge, after `gap` [m]."""
 
     angle: float
     distance: float
@@ -93,7 +93,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Solution:
-    """Values at the sample times; at the instant a phase begins they are those of that phase."""
+    """Values at the sample times; at the begin of a phase they are those of that phase."""
 
     time: np.ndarray
     left_current: np.ndarray
@@ -118,7 +118,7 @@ class Solution:
 
 
 class Link(NamedTuple):
-    """The linkage in one place: travel l_S, its rate and the lever arm r_AP."""
+    """Linkage at one angle: travel l_S, its rate and the lever arm r_AP."""
 
     travel: float
     travel_rate: float
@@ -126,7 +126,7 @@ class Link(NamedTuple):
 
 
 class View(NamedTuple):
-    """A time and the state then, with its kinematics: in the gate's middle, on its left and on its right."""
+    """Time and state, with their kinematics in the gate's middle, on its left and on its right."""
 
     time: float
     state: Sequence[float]
@@ -145,7 +145,7 @@ class Contact:
         self.active = False
 
     def reach(self, view: View) -> float:
-        """Positive [m] exactly where the law asks for a force."""
+        """Return a value [m] that is positive exactly where the law gives a force."""
         depth, rate = self.depth(view)
         return min(depth, depth + self.c / self.k * rate)
 
@@ -176,7 +176,7 @@ class MomentumEquation:
 
     @property
     def is_held(self) -> bool:
-        """Whether its state stays 0."""
+        """Whether the state stays 0."""
         return self.limit is not None and self.sign == 0
 
     def derivative(self, view: View) -> float:
@@ -195,7 +195,7 @@ class MomentumEquation:
         return -self.sign * view.state[self.index] - ROUNDING
 
     def switch(self, view: View, progress: bool) -> None:
-        """Stuck: break away. Moving: stop, and go on only if the load exceeds the limit."""
+        """If stuck, break away; if moving, stop, and go on only if the load exceeds the limit."""
         assert self.hold is not None
         load = self.load(view)
         if self.sign == 0 or (progress and abs(load) > self.hold(view)):
@@ -205,7 +205,7 @@ class MomentumEquation:
 
 
 class Latch:
-    """Catches the gate at 0 rad, unless it is released, and holds it there."""
+    """Latch that catches the gate at 0 rad unless released, and holds it there."""
 
     def __init__(self, released: bool) -> None:
         self.released = released
@@ -222,7 +222,7 @@ Element = Contact | MomentumEquation | Latch
 
 
 class Twist:
-    """The mode of torsion: its two states are the last ones."""
+    """The torsion mode; its two states are the last ones."""
 
     def __init__(self, gate: Mapping[str, Any], inertia: float) -> None:
         self.stiffness: float = gate["torsional_stiffness"]
@@ -265,12 +265,12 @@ class Geometry:
         return Link(length - self.closed_length, arm * rate, arm)
 
     def share(self, lateral: float) -> float:
-        """y/w of a lateral position."""
+        """Lateral position as a fraction y/w."""
         return 0.0 if self.twist is None else lateral / self.twist.half_width
 
 
 class Thermal:
-    """Winding and housing as two bodies; it warms nothing where the file does not say so."""
+    """Thermal model of winding and housing as two bodies; off unless the vehicle file enables it."""
 
     def __init__(self, table: Mapping[str, Any]) -> None:
         self.enabled = table.get("enabled", 0.0) == 1.0
@@ -282,7 +282,7 @@ class Thermal:
         self.magnet: float = table.get("magnet_coefficient", -0.001)
 
     def rates(self, warm: Sequence[float], loss: float, ambient: float) -> list[float]:
-        """Of both temperatures."""
+        """Rates of both temperatures."""
         inner = (warm[0] - warm[1]) / self.to_housing
         outer = (warm[1] - ambient) / self.to_ambient
         return [(loss - inner) / self.winding, (inner - outer) / self.housing]
@@ -352,12 +352,12 @@ class Drive:
         )
 
     def _friction(self, v: View, more: float) -> float:
-        """Dry friction of the shaft, by `more` than Coulomb's, and what the load adds."""
+        """Dry friction of the shaft: its losses times 1 + `more`, plus the share of the load."""
         force = self.lever * abs(self.force(v)) if self.by_load else 0.0
         return self._here(v) * self.losses * (1.0 + more) + self.by_load * force
 
     def _here(self, v: View) -> float:
-        """Friction by that of the law at 20 °C."""
+        """Factor of friction at this temperature and position, relative to the law at 20 °C."""
         if not self.table:
             return self.nominal
         shares, factors = zip(*self.table, strict=True)
@@ -374,17 +374,17 @@ class Drive:
         return self._friction(v, self.more_at_rest * math.exp(-ratio * ratio))
 
     def warm(self, v: View) -> Sequence[float]:
-        """Both temperatures, where it warms up."""
+        """Temperatures of winding and housing, if the drive warms up."""
         return v.state[self.first + 3 : self.first + 5]
 
     def resistance_at(self, v: View) -> float:
-        """Of the winding as warm as it is."""
+        """Resistance of the winding at its temperature."""
         if not self.thermal.enabled:
             return self.resistance
         return self.resistance * (1.0 + self.thermal.copper * (self.warm(v)[0] - 20.0))
 
     def flux(self, v: View) -> float:
-        """By that at 20 °C."""
+        """Flux relative to that at 20 °C."""
         if not self.thermal.enabled:
             return 1.0
         return 1.0 + self.thermal.magnet * (self.warm(v)[1] - 20.0)
@@ -403,7 +403,7 @@ class Drive:
         return side * x - self.half_play, side * rate
 
     def _beyond(self, v: View, way: int, end: float) -> tuple[float, float]:
-        """How far the spindle is beyond one end of its stroke, and its rate."""
+        """Depth of the spindle beyond one end of its stroke, and its rate."""
         link = v.sides[self.side]
         return way * (link.travel - end), way * link.travel_rate
 
@@ -421,7 +421,7 @@ class Drive:
         return self.health * spring - self.open_stop.force(v) + self.closed_stop.force(v)
 
     def moment(self, v: View) -> float:
-        """Of drive, spring and stops about the hinge."""
+        """Moment of drive, spring and stops about the hinge."""
         return v.sides[self.side].arm * (self.force(v) + self.spring_force(v))
 
     def _coil_load(self, v: View) -> float:
@@ -443,14 +443,14 @@ def advance(vehicle: Mapping[str, Any]) -> float:
 
 
 def source_share(command: DriveInput) -> float:
-    """Signed part of the terminal voltage and current that this bridge state passes on."""
+    """Share, with sign, of the terminal voltage and current that this bridge state passes on."""
     if command.mode not in ("open", "close", "brake", "coast", "voltage"):
         raise ValueError(f"unknown drive mode {command.mode!r}")
     return {"open": 1.0, "close": -1.0}.get(command.mode, 0.0) * command.value
 
 
 def width_of(vehicle: Mapping[str, Any]) -> int:
-    """How many states a drive has."""
+    """Number of states of a drive."""
     return 5 if Thermal(vehicle.get("thermal", {})).enabled else 3
 
 
@@ -539,7 +539,7 @@ class StimulusPlan:
         return moment + sum(drive.moment(v) for drive in self.drives) + self._pinch_moment(v)
 
     def _snow_moment(self, v: View) -> float:
-        """Of its weight; it lies on the line from the hinge to the centre of gravity."""
+        """Moment of the snow's weight, which lies on the line from the hinge to the centre of gravity."""
         if not self.phase.snow_mass:
             return 0.0
         angle = v.state[0] + (self.snow_share * v.state[-2] if self.snow_share else 0.0)
@@ -553,7 +553,7 @@ class StimulusPlan:
         return self.pinch(v) * (lever if self.phase.obstacle.closing else -lever)
 
     def _twist_rates(self, v: View) -> list[float]:
-        """Of the twist and of its rate."""
+        """Rates of the twist and of its rate."""
         twist = self.geometry.twist
         if twist is None:
             return []
@@ -576,11 +576,11 @@ class StimulusPlan:
         return rates + self._twist_rates(v)
 
     def slope(self, time: float, y: np.ndarray) -> list[float]:
-        """The right-hand side in the form that solve_ivp wants."""
+        """Right-hand side of the differential equation in the form that solve_ivp needs."""
         return self.derivative(time, y.tolist())
 
     def jacobian(self, time: float, y: np.ndarray) -> np.ndarray:
-        """Difference quotients; solve_ivp's own overflow where a frozen state has no influence."""
+        """Jacobian by difference quotients; solve_ivp's own overflows where a frozen state has no influence."""
         state = y.tolist()
         base = np.array(self.derivative(time, state))
         result = np.empty((base.size, base.size))
@@ -591,7 +591,7 @@ class StimulusPlan:
         return result
 
     def start(self, state: list[float], latched: bool) -> None:
-        """Take the regime from the state alone, then settle what the state leaves open."""
+        """Determine the regime from the state alone, then settle what the state leaves open."""
         self.latch.holds = latched and not self.latch.released
         v = self.geometry.view(self.begin, state)
         for contact in self.contacts:
@@ -602,7 +602,7 @@ class StimulusPlan:
         self.settle(self.begin, state, [], True)
 
     def settle(self, time: float, state: list[float], fired: list[Element], progress: bool) -> None:
-        """Switch what fired, then what it makes switch at once, each at most once (so it ends).
+        """Switch the element whose event occurred, then those that it affects, each at most once (so it ends).
 
         The others are judged a moment ahead: just at a boundary their sign now is rounding noise.
         """
@@ -650,7 +650,7 @@ class StimulusPlan:
         return [alarm_of(element) for element in self.elements]
 
     def held(self, state: Sequence[float]) -> list[int]:
-        """The states that stay as they are until the regime changes: the solver's rounding would move them."""
+        """Indices of states that stay constant until the regime changes; the solver's rounding would move them."""
         found = [1] if self.latch.holds or self.hinge.is_held else []
         for drive in self.drives:
             found += [each.index for each in (drive.coil, drive.shaft) if each.is_held]
@@ -674,7 +674,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A vehicle with other last bits, where the suite's switch says so: of whole numbers too, but for counts."""
+    """Vehicle with disturbed last bits if the suite's switch is on: of integers too, but for counts."""
 
     def numbers(table: Mapping[str, Any]) -> dict[str, Any]:
         return {
@@ -690,7 +690,7 @@ def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _phases_off(phases: Sequence[Phase]) -> list[Phase]:
-    """Phases with other last bits, where the suite's switch says so; their ends, and what is alike, stay so."""
+    """Phases with disturbed last bits if the suite's switch is on; end times and equal values stay equal."""
     return [
         replace(
             last_bits.off(each, "phase"),

@@ -62,7 +62,7 @@ class Periodic(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """Between two events: which bridges conduct, s and v of each."""
+    """Time between two events: the conducting bridges, s and v of each."""
 
     alive: np.ndarray
     share: np.ndarray
@@ -101,7 +101,7 @@ def periodic(bridges: Sequence[Bridge], source: float, resistance: float, repeat
 
 
 class _Run:
-    """The equations of some bridges on one source."""
+    """Equations of bridges on one source, and the search for their periodic currents."""
 
     def __init__(self, bridges: Sequence[Bridge], source: float, resistance: float) -> None:
         self.bridges, self.source, self.shared = bridges, source, resistance
@@ -133,18 +133,18 @@ class _Run:
         return current, sums
 
     def terminal(self, current: np.ndarray, share: np.ndarray) -> float:
-        """U [V] with these currents and shares."""
+        """Terminal voltage U [V] with these currents and shares s."""
         return float(self.source - self.shared * share @ current)
 
     def window(self, k: int, terminal: float) -> tuple[float, float]:
-        """Between which EMFs [V] the diodes of an idle bridge let nothing through."""
+        """Limits of the EMF [V] within which the diodes of an idle bridge block."""
         drop = self.bridges[k].drop
         if self.bridges[k].mode == "diode":
             return -drop, terminal + drop
         return -terminal - 2.0 * drop, terminal + 2.0 * drop
 
     def phase(self, current: np.ndarray, is_on: list[bool], starts: set[int]) -> Phase:
-        """Which way each current goes; an idle bridge begins to conduct where its EMF is beyond its window."""
+        """Direction of each current; an idle bridge begins to conduct where its EMF is beyond its window."""
         count = len(self.bridges)
         share, offset, alive = np.zeros(count), np.zeros(count), np.ones(count, bool)
         for k, each in enumerate(self.bridges):
@@ -190,7 +190,7 @@ class _Run:
         force: np.ndarray,
         left: float,
     ) -> tuple[float, int | None, bool]:
-        """When the first diode's current ends or begins, whose, and which of both; else the end."""
+        """Time at which the first diode's current ends or begins, its bridge, and which of both; else the end."""
         first: tuple[float, int | None, bool] = (left, None, False)
         for k, each in enumerate(self.bridges):
             if is_on[k] or each.mode == "slow":

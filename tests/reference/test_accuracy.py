@@ -34,7 +34,7 @@ def rod(stiffness: float, **more: float) -> Obstacle:
 
 
 class Errors(NamedTuple):
-    """rms of each current [mA], largest error of the angle and of the twist [deg]."""
+    """Errors: rms of each current [mA], largest error of the angle and of the twist [deg]."""
 
     left: float
     right: float
@@ -111,7 +111,7 @@ AROUND = [
 
 
 def pinch(obstacle: Obstacle) -> list[Phase]:
-    """Open, brake, close onto the rod and stall there."""
+    """Phases that open, brake, close onto the rod and stall there."""
     return [both(2.7, OPENING), both(2.9, BRAKING), both(4.4, CLOSING, obstacle)]
 
 
@@ -190,15 +190,15 @@ VARIANTS = {
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_step_of_1_ms_meets_the_bar(variant: str) -> None:
+def test_a_step_of_1_ms_meets_the_accuracy_limits(variant: str) -> None:
     error = measured(*VARIANTS[variant])
     figures = f"rms {error.left:.3f} and {error.right:.3f} mA, angle {error.angle:.5f} deg"
     assert max(error.left, error.right) < CURRENT_BAR, figures
     assert max(error.angle, error.twist) < ANGLE_BAR, figures
 
 
-def test_what_happens_at_a_corner_shows_in_the_difference_of_the_currents() -> None:
-    """Both drives of a rigid gate feel the same; a gate that twists tells them where it is."""
+def test_an_obstacle_at_a_corner_changes_the_difference_of_the_currents() -> None:
+    """Both drives of a rigid gate carry the same load; those of a twisting gate show the obstacle's side."""
 
     def apart(settings: list[str], phases: list[Phase]) -> tuple[float, float]:
         rows = run_phases(vehicle_of(tables(*settings), "test"), phases, STEP)
@@ -228,7 +228,7 @@ TABLE = """
 """
 
 
-def test_the_reference_table_comes_out_to_all_its_digits() -> None:
+def test_the_plant_reproduces_the_reference_table_to_all_digits() -> None:
     """Full duty at 12 V from rest; time [s], current [A], speed [rev/s], angle [deg]."""
     rows = run_phases(suv(), [both(6.0, OPENING)], STEP)
     shown = []
@@ -239,8 +239,8 @@ def test_the_reference_table_comes_out_to_all_its_digits() -> None:
     assert shown == TABLE.split("\n")[1:-1]
 
 
-def test_a_drive_thrown_into_reverse_turns_at_any_moment_of_a_step() -> None:
-    """The speed passes zero inside a step; sweeping the duty sweeps the moment over the step."""
+def test_a_reversed_drive_is_accurate_wherever_in_a_step_its_speed_is_zero() -> None:
+    """The speed crosses zero within a step; sweeping the duty sweeps that moment over the step."""
     worst = 0.0
     for k in range(24):
         phases = [both(0.5, DriveInput("open", 1.0 - 0.01 * k)), both(0.6, CLOSING)]
@@ -252,7 +252,7 @@ def test_a_drive_thrown_into_reverse_turns_at_any_moment_of_a_step() -> None:
     assert worst < 0.01, f"{worst:.4f} rev/s"
 
 
-def test_a_gate_that_falls_through_the_play_onto_held_drives_meets_the_bar() -> None:
+def test_a_gate_falling_through_the_play_meets_the_accuracy_limits() -> None:
     """The impact breaks a weak drive loose inside a step: measured 0.0017 deg."""
     settings = [
         *ONE_DRIVE,
@@ -310,7 +310,7 @@ DAMPINGS = ("4e3", "0", "1e9")  # N s/m
 @pytest.mark.parametrize("step", [1e-3, 5e-3])
 @pytest.mark.parametrize("part", STIFF)
 def test_an_absurdly_stiff_plant_stays_bounded(part: str, step: float) -> None:
-    """1e9 N/m: nothing resolves that contact in such a step, but nothing may blow up either."""
+    """1e9 N/m: no such step resolves that contact, but no value may diverge either."""
     phases = [both(1.6, OPENING), both(1.8, BRAKING), both(3.4, CLOSING)]
     for value in DAMPINGS:
         damping = [f"mechanism.damping={value}", f"spring.stop_damping={value}"]

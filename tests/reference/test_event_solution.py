@@ -1,4 +1,4 @@
-"""Tests of the reference solution itself: hand checks, closed forms, laws and tolerances."""
+"""The reference solution itself: hand checks, closed forms, laws and tolerances."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def columns(solution: Solution) -> dict[str, np.ndarray]:
     return {key: value for key, value in vars(solution).items() if key != "events"}
 
 
-def test_hand_checks(suv: dict[str, Any]) -> None:
+def test_derived_constants_agree_with_hand_calculations(suv: dict[str, Any]) -> None:
     geometry = Geometry(suv["gate"])
     stimuli = StimulusPlan(suv, [suv], geometry, both(1.0, BRAKE), 0.0)
     (drive,) = stimuli.drives
@@ -72,12 +72,12 @@ def test_hand_checks(suv: dict[str, Any]) -> None:
     assert 2 * drive.half_play == pytest.approx(1e-4, rel=1e-12)
 
 
-def test_gate_inertia_may_be_given(suv: dict[str, Any]) -> None:
+def test_the_gates_inertia_can_be_specified(suv: dict[str, Any]) -> None:
     suv["gate"]["inertia"] = 7.5
     assert Geometry(suv["gate"]).inertia == 7.5
 
 
-def test_printed_table(suv: dict[str, Any]) -> None:
+def test_the_reference_solution_reproduces_the_printed_table(suv: dict[str, Any]) -> None:
     times = np.array([0.002, 0.050, 0.200, 1.0, 3.0, 5.0, 6.0])
     s = solve(suv, [both(6.0, OPEN)], times, tolerance=1e-9)
     rows = [
@@ -99,7 +99,7 @@ def test_printed_table(suv: dict[str, Any]) -> None:
     np.testing.assert_allclose(s.right_position, s.left_position, rtol=0, atol=1e-9)
 
 
-def test_blocked_winding_has_its_closed_form(suv: dict[str, Any]) -> None:
+def test_the_current_of_a_blocked_rotor_has_its_closed_form(suv: dict[str, Any]) -> None:
     suv["spindle"]["friction_force"] = 1e6  # nothing moves the rotor
     times = np.linspace(0.0, 2e-3, 201)
     phases = [both(1e-3, OPEN), both(2e-3, BRAKE)]
@@ -112,7 +112,7 @@ def test_blocked_winding_has_its_closed_form(suv: dict[str, Any]) -> None:
     assert np.ptp(s.left_position) == 0.0
 
 
-def test_blocked_winding_behind_a_source_resistance(suv: dict[str, Any]) -> None:
+def test_currents_of_blocked_rotors_behind_a_source_resistance_have_their_closed_form(suv: dict[str, Any]) -> None:
     """Both currents drop the voltage for both: R + 2 R_source seen from each at full duty."""
     suv["spindle"]["friction_force"] = 1e6
     suv["supply"]["internal_resistance"] = 0.05
@@ -124,7 +124,7 @@ def test_blocked_winding_behind_a_source_resistance(suv: dict[str, Any]) -> None
     np.testing.assert_allclose(s.terminal_voltage, 12 + 2 * 0.05 * expected, atol=1e-8)
 
 
-def test_coast_current_reaches_exactly_zero(suv: dict[str, Any]) -> None:
+def test_a_coasting_current_reaches_exactly_zero(suv: dict[str, Any]) -> None:
     """Blocked rotor: decay towards −V/R through the diodes until the current is used up."""
     suv["spindle"]["friction_force"] = 1e6
     times = np.linspace(0.0, 2e-3, 2001)
@@ -137,7 +137,7 @@ def test_coast_current_reaches_exactly_zero(suv: dict[str, Any]) -> None:
     assert np.all(s.left_current[times > end] == 0.0)
 
 
-def test_coast_while_moving_and_regeneration_above_the_supply(suv: dict[str, Any]) -> None:
+def test_a_coasting_motor_conducts_only_if_its_emf_exceeds_the_supply(suv: dict[str, Any]) -> None:
     times = np.linspace(0.0, 1.2, 1201)
     phases = [both(1.0, OPEN), both(1.1, COAST), both(1.2, COAST, supply_voltage=6.0)]
     s = solve(suv, phases, times)
@@ -149,8 +149,8 @@ def test_coast_while_moving_and_regeneration_above_the_supply(suv: dict[str, Any
     assert emf > 6.0 + 1.4, "the case is meant to conduct"
 
 
-def test_open_gate_left_alone_stays(suv: dict[str, Any]) -> None:
-    """It sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
+def test_an_open_gate_left_alone_stays(suv: dict[str, Any]) -> None:
+    """The gate sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
     times = np.linspace(0.0, 3.0, 121)
     s = solve(suv, [both(3.0, COAST)], times, initial_angle=math.radians(40))
     assert np.all(s.left_speed == 0.0)
@@ -175,7 +175,7 @@ def test_hinge_friction_holds_exactly_until_it_is_exceeded(suv: dict[str, Any]) 
     assert pulled.angle[2] > at + 1e-6
 
 
-def test_energy_balance_without_losses(suv: dict[str, Any]) -> None:
+def test_energy_is_conserved_without_losses(suv: dict[str, Any]) -> None:
     """A gate swinging in an elastic gear, no friction: kinetic + potential energy stays."""
     for table in ("motor", "gear", "spindle"):
         suv[table]["efficiency"] = 1.0
@@ -201,8 +201,8 @@ def test_energy_balance_without_losses(suv: dict[str, Any]) -> None:
     assert np.ptp(energy) < 1e-6
 
 
-def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
-    """The located regime must give what max() and min() of the play and the obstacle say."""
+def test_forces_of_play_and_obstacle_obey_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
+    """Forces in the located regime equal those by max() and min() of the laws of play and obstacle."""
     suv["right"] = {"gear": {"friction_torque": 0.9, "backlash": 0.03}}
     rod = Obstacle(math.radians(30), 0.9, 2.0e4, damping=50.0, gap=0.002)
     times = np.linspace(0.0, 2.5, 5001)
@@ -226,7 +226,7 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
     assert s.pinch_force.max() > 100.0
 
 
-def test_tolerances_agree_over_a_whole_cycle(suv: dict[str, Any]) -> None:
+def test_solutions_of_different_tolerances_agree_over_a_whole_cycle(suv: dict[str, Any]) -> None:
     phases = [both(6.5, OPEN), both(7.5, BRAKE), both(14.0, CLOSE)]
     times = np.linspace(0.0, 14.0, 1401)
     coarse = solve(suv, phases, times, tolerance=1e-7)
@@ -239,7 +239,7 @@ def test_tolerances_agree_over_a_whole_cycle(suv: dict[str, Any]) -> None:
     assert fine.left_speed[-1] == 0.0
 
 
-def test_two_different_drives_keep_their_own_currents(suv: dict[str, Any]) -> None:
+def test_two_unlike_drives_have_their_own_currents(suv: dict[str, Any]) -> None:
     """Both free-running halves obey their own static balance, and the gate joins the speeds."""
     suv["right"] = {"motor": {"resistance": 0.8}, "gear": {"friction_torque": 0.9}}
     s = solve(suv, [both(2.0, OPEN)], np.array([1.9, 2.0]))
@@ -254,7 +254,7 @@ def test_two_different_drives_keep_their_own_currents(suv: dict[str, Any]) -> No
     assert one.left_current[0] > 1.0 > one.right_current[0]
 
 
-def test_voltage_mode_is_the_bridge_at_an_ideal_source(suv: dict[str, Any]) -> None:
+def test_a_voltage_input_equals_a_bridge_on_an_ideal_source(suv: dict[str, Any]) -> None:
     times, fine = (np.linspace(0.0, 0.5, 51), 1e-12)  # a mechanism of 5e5 N/m magnifies the solver's error
     bridge = solve(suv, [both(0.5, DriveInput("close", 0.5))], times, math.radians(50), fine)
     suv["supply"]["internal_resistance"] = 0.3  # must not matter to the voltage mode
@@ -263,7 +263,7 @@ def test_voltage_mode_is_the_bridge_at_an_ideal_source(suv: dict[str, Any]) -> N
         np.testing.assert_allclose(columns(volts)[key], value, rtol=0, atol=1e-7, err_msg=key)
 
 
-def test_one_drive_leaves_the_right_columns_zero(suv: dict[str, Any]) -> None:
+def test_with_one_drive_the_right_columns_are_zero(suv: dict[str, Any]) -> None:
     suv["drives"] = 1
     suv["spring"] = {**suv["spring"], "stiffness": 1800, "preload": 660}
     s = solve(suv, [both(1.0, OPEN)], np.array([0.5, 1.0]))
@@ -288,8 +288,8 @@ def test_the_latch_catches_a_gate_at_home_and_lets_go_when_released(suv: dict[st
     assert free.angle[-1] < math.radians(-0.1)
 
 
-def test_a_winding_warms_up_by_its_closed_form(suv: dict[str, Any]) -> None:
-    """A blocked rotor, copper that does not care, a housing that hardly warms up."""
+def test_the_temperature_of_a_winding_has_its_closed_form(suv: dict[str, Any]) -> None:
+    """A blocked rotor, copper without temperature dependence, a housing that hardly warms up."""
     suv["spindle"]["friction_force"] = 1e6
     suv["thermal"] = {"enabled": 1.0, "copper_coefficient": 0.0, "housing_capacity": 1e6}
     times = np.linspace(0.0, 5.0, 51)
@@ -303,7 +303,7 @@ def test_a_winding_warms_up_by_its_closed_form(suv: dict[str, Any]) -> None:
     np.testing.assert_allclose(warm.left_current[1:], 12.0 / by_warmth[1:], rtol=2e-5)
 
 
-def test_a_shaft_breaks_loose_above_its_static_friction_and_slides_on_below_it(suv: dict[str, Any]) -> None:
+def test_a_shaft_breaks_away_above_static_friction_and_keeps_sliding_below_it(suv: dict[str, Any]) -> None:
     """τ_s = 1.5 τ_C: 1.3 τ_C hold it, and move it once 1.6 τ_C have."""
     suv["friction"] = {"static_ratio": 1.5}
     suv["spring"] |= {"stiffness": 0.0, "preload": 0.0}
@@ -317,8 +317,8 @@ def test_a_shaft_breaks_loose_above_its_static_friction_and_slides_on_below_it(s
     assert s.left_speed[3] > 0.2
 
 
-def test_friction_by_speed_load_temperature_and_place(suv: dict[str, Any]) -> None:
-    """What a steady motion takes, on the shaft."""
+def test_friction_depends_on_speed_load_temperature_and_position(suv: dict[str, Any]) -> None:
+    """The motor torque of a steady motion, at the shaft."""
     suv["friction"] = {
         "static_ratio": 1.4, "stribeck_speed": 40.0, "viscous": 2e-5, "temperature_coefficient": 0.01,
         "position_table": [[0.0, 1.0], [1.0, 2.0]],
@@ -334,14 +334,14 @@ def test_friction_by_speed_load_temperature_and_place(suv: dict[str, Any]) -> No
     assert 0.0122 * s.left_current[0] == pytest.approx(taken, rel=0.02)  # it hardly accelerates
 
 
-def test_symmetric_start_at_the_play_of_zero_does_not_chatter(suv: dict[str, Any]) -> None:
+def test_a_start_without_play_does_not_chatter(suv: dict[str, Any]) -> None:
     suv["gear"]["backlash"] = 0.0
     s = solve(suv, [both(1.0, COAST)], np.array([1.0]), initial_angle=math.radians(40))
     assert s.events < 50
     assert s.left_speed[0] == 0.0
 
 
-def test_bad_requests_are_refused(suv: dict[str, Any]) -> None:
+def test_invalid_arguments_of_the_reference_solution_are_refused(suv: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="sample times"):
         solve(suv, [both(1.0, OPEN)], np.array([0.0, 1.1]))
     with pytest.raises(ValueError, match="one after the other"):

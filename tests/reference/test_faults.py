@@ -1,4 +1,4 @@
-"""Faults that begin in motion, against the event-located solution of a gate that changes at that instant."""
+"""Faults that begin in motion, against the event-located solution of a gate changed at that instant."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOLERANCE = 1e-7  # of the event solution: as in test_accuracy
 
 
 class Case(NamedTuple):
-    """A fault of the left drive or the gate, and what the exact gate is from then on."""
+    """A fault of the left drive or the gate, and the exact gate from then on."""
 
     kind: str
     values: dict[str, Any]
@@ -88,7 +88,7 @@ def exact(case: Case, times: np.ndarray) -> Solution:
 
 @functools.cache
 def sound(count: int) -> Solution:
-    """A gate without a fault, at so many ticks."""
+    """Run of a gate without a fault over this number of ticks."""
     nothing = Case("parameter", {}, {})
     return exact(nothing, np.minimum(1e-3 * np.arange(count), END))
 
@@ -100,7 +100,7 @@ def rms(error: np.ndarray) -> float:
 @pytest.mark.parametrize(
     "case", CASES, ids=[f"{each.kind}-{'-'.join(map(str, each.values.values()))}" for each in CASES]
 )
-def test_a_fault_in_motion_is_as_exact_as_all_else(tmp_path: Path, case: Case) -> None:
+def test_a_fault_that_begins_in_motion_meets_the_accuracy_limits(tmp_path: Path, case: Case) -> None:
     rows = simulated(tmp_path, case)
     times = np.minimum(rows["time_s"], END)
     truth = exact(case, times)
@@ -114,7 +114,7 @@ def test_a_fault_in_motion_is_as_exact_as_all_else(tmp_path: Path, case: Case) -
     assert np.abs(rows["gate_angle_deg"] - np.degrees(truth.angle)).max() < ANGLE_BAR
 
 
-def test_every_kind_that_is_physics_is_here_or_shown_elsewhere() -> None:
+def test_every_physical_kind_of_fault_has_a_case_or_another_test() -> None:
     # A drive that comes off is a clutch that slips at once: tests/plant/test_overload.py has its closed forms. The
     # latch's is one of a switch's position, tests/plant/test_latch.py.
     elsewhere = {"drive_disconnected", "latch_not_releasing"}

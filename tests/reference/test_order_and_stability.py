@@ -1,4 +1,4 @@
-"""How the error falls with the step, and that no step and no stiffness makes it grow."""
+"""Order of convergence, and stability for any step and stiffness."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_the_error_falls_with_the_square_of_the_step_while_the_gate_travels() ->
     assert orders.min() > 1.8, (errors, orders)
 
 
-def test_the_error_of_a_whole_cycle_falls_at_least_as_fast_as_the_step() -> None:
+def test_the_error_of_a_whole_cycle_falls_at_least_in_proportion_to_the_step() -> None:
     # Stops, play and stiction are passed inside steps; their share falls more irregularly.
     vehicle = suv()
     finest, steps = 5e-4, (2e-3, 1e-3, 5e-4)
@@ -65,7 +65,7 @@ def test_the_error_of_a_whole_cycle_falls_at_least_as_fast_as_the_step() -> None
     ],
     ids=lambda settings: settings[0],
 )
-def test_absurd_parameters_stay_stable(settings: tuple[str, ...], step: float) -> None:
+def test_absurd_parameters_do_not_make_the_plant_unstable(settings: tuple[str, ...], step: float) -> None:
     vehicle = suv(*settings)
     plant = plant_of(vehicle)
     for start, command in ((50.0, OPEN), (10.0, CLOSE)):
@@ -86,7 +86,7 @@ LIGHT = [  # of a gate of 0.2 kg, whose spindles a force holds that their dampin
 
 @pytest.mark.parametrize("step", [5e-5, 1e-3, 5e-3])
 def test_a_light_gate_at_rest_is_not_spun_up_by_its_own_friction(step: float) -> None:
-    """Each sliding direction of the spindles called for the other one, which no iteration ended (10,263 rev/s)."""
+    """Each sliding direction of the spindles implied the other, and no iteration ended that (10,263 rev/s)."""
     vehicle = suv(*LIGHT)
     start = at_rest(vehicle, 5.371)
     rows = fast_run(plant_of(vehicle), start, inputs(vehicle, BRAKE), step, round(0.3 / step))

@@ -1,4 +1,4 @@
-"""Thesis §4.3: the gate alone, dropped from an angle, swings about its equilibrium as its inertia says."""
+"""Thesis §4.3: the gate alone, dropped from an angle, swings with the period of its inertia."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def swing(amplitude_deg: float, seconds: float, *more: str) -> np.ndarray:
 
 
 def period(angle: np.ndarray) -> float:
-    """From the downward zero crossings, interpolated."""
+    """Period from the interpolated downward zero crossings."""
     rows = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
     times = (rows + angle[rows] / (angle[rows] - angle[rows + 1])) * STEP
     return float(np.diff(times).mean())
 
 
 @pytest.mark.parametrize("amplitude_deg", [1.0, 30.0, 100.0])
-def test_the_period_is_that_of_the_inertia(amplitude_deg: float) -> None:
+def test_the_pendulum_period_agrees_with_the_inertia(amplitude_deg: float) -> None:
     # Pendulum of any amplitude: T = T0 (2/π) K(sin²(A/2)).
     modulus = math.sin(math.radians(amplitude_deg) / 2.0) ** 2
     exact = SMALL_PERIOD * 2.0 / math.pi * float(ellipk(modulus))
@@ -53,21 +53,21 @@ def test_the_period_is_that_of_the_inertia(amplitude_deg: float) -> None:
     assert period(swing(amplitude_deg, 20.0)) == pytest.approx(exact, rel=1e-5)
 
 
-def test_the_small_swing_is_the_hand_check() -> None:
+def test_the_period_of_small_swings_agrees_with_the_hand_calculation() -> None:
     # J_L = 10.5467 kg m², m g r_GP0 = 28 · 9.81 · 0.540833 N m.
     by_hand = 2.0 * math.pi * math.sqrt(10.5467 / (28.0 * 9.81 * 0.540833))
     assert pytest.approx(by_hand, rel=1e-5) == SMALL_PERIOD
     assert period(swing(0.5, 20.0)) == pytest.approx(by_hand, rel=1e-4)
 
 
-def test_nothing_is_gained_or_lost_over_many_swings() -> None:
+def test_a_frictionless_pendulum_keeps_its_energy_over_many_swings() -> None:
     angle = swing(30.0, 120.0)
     first = np.abs(angle[:2000]).max()
     last = np.abs(angle[-2000:]).max()
     assert last == pytest.approx(first, rel=1e-4)
 
 
-def test_hinge_friction_takes_the_same_angle_from_every_swing() -> None:
+def test_hinge_friction_reduces_every_swing_by_the_same_angle() -> None:
     torque = 2.0
     angle = swing(20.0, 8.0, f"gate.hinge_friction={torque}")
     peaks = np.abs(angle[1:-1])[(np.diff(np.sign(np.diff(angle))) != 0)]
@@ -76,7 +76,7 @@ def test_hinge_friction_takes_the_same_angle_from_every_swing() -> None:
     assert lost == pytest.approx(2.0 * torque / PLANT.weight_moment, rel=0.02)
 
 
-def test_friction_brings_it_to_an_exact_rest() -> None:
+def test_friction_brings_the_pendulum_to_exact_rest() -> None:
     angle = swing(10.0, 30.0, "gate.hinge_friction=10")
     assert np.ptp(angle[-5000:]) == 0.0
     assert abs(PLANT.weight_moment * math.sin(angle[-1])) < 10.0

@@ -1,4 +1,4 @@
-"""The thesis's third-order model (4.1–4.13) is what the plant becomes with a stiff mechanism and no play."""
+"""With a stiff mechanism and no play the plant becomes the thesis's third-order model (4.1–4.13)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def distance(stiffness: float) -> tuple[float, float, float]:
     )
 
 
-def test_the_plant_approaches_the_rigid_model_as_the_mechanism_gets_stiff() -> None:
+def test_the_plant_approaches_the_rigid_model_with_rising_mechanism_stiffness() -> None:
     figures = [distance(stiffness) for stiffness in (5e5, 5e6, 5e7)]
     for soft, stiff in itertools.pairwise(figures):
         assert stiff[0] < 0.4 * soft[0]

@@ -31,7 +31,7 @@ def test_a_stalled_motor_draws_u_over_r(volts: float, command) -> None:
     assert abs(end.left.current) == pytest.approx(volts / 0.708, rel=1e-9)
 
 
-def test_a_stalled_motor_shares_the_source_resistance_with_the_other() -> None:
+def test_stalled_motors_drop_their_currents_over_the_common_source_resistance() -> None:
     vehicle = suv("supply.internal_resistance=0.05")
     end = state_of(advance(vehicle, at_rest(vehicle, 78.0), OPEN, 4.0)[-1])
     # U = (R + 2 R_source) i for two alike motors.
@@ -40,7 +40,7 @@ def test_a_stalled_motor_shares_the_source_resistance_with_the_other() -> None:
 
 @pytest.mark.parametrize("angle_deg", [20.0, 45.0, 70.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_gate_breaks_away_at_what_the_drives_friction_holds(angle_deg, sign) -> None:
+def test_the_gate_breaks_away_at_the_holding_torque_of_the_drives_friction(angle_deg, sign) -> None:
     vehicle = suv()
     plant = plant_of(vehicle)
     angle = math.radians(angle_deg)

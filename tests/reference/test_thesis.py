@@ -32,7 +32,7 @@ ANGLES = pytest.mark.parametrize("angle_deg", [0.1, 20.0, 55.0, 80.2])
 
 
 def lifted(*settings: str) -> Vehicle:
-    """The reference SUV, its hinge not in the origin."""
+    """The reference SUV with its hinge moved out of the origin."""
     vehicle = suv(*settings)
     points = (HINGE, ON_GATE, ON_BODY, CENTRE)
     names = ("hinge", "gate_point", "body_point", "gravity_point")
@@ -89,7 +89,7 @@ def coil(angle: float) -> float:
 
 
 @ANGLES
-def test_length_and_lever_of_the_actuator_are_those_of_the_vectors(angle_deg: float) -> None:
+def test_length_and_lever_arm_of_the_actuator_agree_with_vector_geometry(angle_deg: float) -> None:
     link = gate.linkage(lifted().gate)
     angle = math.radians(angle_deg)
     assert gate.length(link.body_radius, link.gate_radius, link.offset, angle) == pytest.approx(
@@ -102,7 +102,7 @@ def test_length_and_lever_of_the_actuator_are_those_of_the_vectors(angle_deg: fl
 
 @ANGLES
 @pytest.mark.parametrize("slope_deg", [-10.0, 0.0, 10.0])
-def test_the_weight_s_torque_is_a_cross_product(angle_deg: float, slope_deg: float) -> None:
+def test_the_weight_torque_agrees_with_its_cross_product(angle_deg: float, slope_deg: float) -> None:
     plant = plant_of(lifted())
     angle, slope = math.radians(angle_deg), math.radians(slope_deg)
     found = gate.weight_torque(plant.weight_moment, plant.link, angle, slope)
@@ -110,7 +110,7 @@ def test_the_weight_s_torque_is_a_cross_product(angle_deg: float, slope_deg: flo
 
 
 @ANGLES
-def test_the_spring_lifts_by_a_cross_product(angle_deg: float) -> None:
+def test_the_spring_torque_agrees_with_its_cross_product(angle_deg: float) -> None:
     vehicle, angle = lifted(), math.radians(angle_deg)
     plant = plant_of(vehicle)
     around = inputs(vehicle, COAST).load
@@ -119,7 +119,7 @@ def test_the_spring_lifts_by_a_cross_product(angle_deg: float) -> None:
 
 
 @ANGLES
-def test_the_motor_turns_the_gear_and_the_gear_the_spindle(angle_deg: float) -> None:
+def test_motor_gear_and_spindle_speeds_have_the_thesis_ratios(angle_deg: float) -> None:
     vehicle = lifted()
     state = at_rest(vehicle, angle_deg)
     gear_turns = state.left.position / RATIO
@@ -127,7 +127,7 @@ def test_the_motor_turns_the_gear_and_the_gear_the_spindle(angle_deg: float) -> 
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_the_gear_turns_by_its_backlash_before_it_pushes(way: float) -> None:
+def test_the_drive_force_acts_only_beyond_the_backlash(way: float) -> None:
     vehicle = lifted()
     plant, state = plant_of(vehicle), at_rest(vehicle, 30.0)
     place = dynamics.places_of(plant, state).left
@@ -146,7 +146,7 @@ def test_the_gear_turns_by_its_backlash_before_it_pushes(way: float) -> None:
 
 
 def in_motion(vehicle: Vehicle, angle_deg: float) -> State:
-    """A gate that opens, the left drive pushing it, the right one holding it back."""
+    """State of an opening gate, pushed by the left drive and held back by the right one."""
     state = at_rest(vehicle, angle_deg)
     play = 0.5 * BACKLASH * RATIO
     left = state.left._replace(speed=100.0, position=state.left.position + play + 1e-3 / TRAVEL)
@@ -179,8 +179,8 @@ def acceleration(vehicle: Vehicle, state: State, slope: float) -> float:
 
 @ANGLES
 @pytest.mark.parametrize("slope_deg", [0.0, 8.0])
-def test_the_gate_accelerates_as_the_sum_of_all_torques(angle_deg: float, slope_deg: float) -> None:
-    """As it is shown, and as a step of 10 ns does it."""
+def test_the_gates_acceleration_agrees_with_the_sum_of_all_torques(angle_deg: float, slope_deg: float) -> None:
+    """Both the displayed acceleration and that of a step of 10 ns."""
     vehicle = lifted(*WITHOUT_LOSS)
     plant, state = plant_of(vehicle), in_motion(vehicle, angle_deg)
     slope = math.radians(slope_deg)
@@ -194,7 +194,7 @@ def test_the_gate_accelerates_as_the_sum_of_all_torques(angle_deg: float, slope_
 
 
 @ANGLES
-def test_the_gate_s_force_turns_the_motor_back_by_the_spindle_s_lead(angle_deg: float) -> None:
+def test_the_gates_force_accelerates_the_motor_back_by_the_spindles_lead(angle_deg: float) -> None:
     """2πJ dn/dt = −F s_rev/2πi of a motor without current and losses (3.2, 3.7, 3.10)."""
     vehicle = lifted(*WITHOUT_LOSS, "gear.inertia=5e-3")
     plant, state = plant_of(vehicle), in_motion(vehicle, angle_deg)
@@ -212,7 +212,7 @@ LOSSES = 0.18 * 0.00124 + 0.25 * 0.6 / RATIO + 0.15 * 1000.0 * TRAVEL / (2.0 * m
 
 
 @pytest.mark.parametrize("command", [OPEN, BRAKE], ids=["open", "brake"])
-def test_a_motor_without_gate_follows_its_state_equations(command) -> None:
+def test_a_motor_without_a_gate_obeys_its_state_equations(command) -> None:
     """(4.1) to (4.3) with a constant load, by the matrix exponential; constant is its fourth state."""
     vehicle = suv("mechanism.stiffness=0", "mechanism.damping=0", "gear.inertia=5e-3")
     inertia = 2.0 * math.pi * (ROTOR + 5e-3 / RATIO**2)
@@ -237,7 +237,7 @@ def test_a_motor_without_gate_follows_its_state_equations(command) -> None:
         assert found[2] - first[2] == pytest.approx(exact[2] - first[2], abs=1e-5)
 
 
-def test_joined_rigidly_the_plant_is_the_model_of_three_states() -> None:
+def test_the_rigidly_joined_plant_agrees_with_the_third_order_model() -> None:
     """(4.11), with the units of (4.13) put right and the change of the lever arm that (4.7) drops."""
     vehicle = lifted("gear.backlash=0", "gear.inertia=5e-3", "mechanism.stiffness=5e7", "mechanism.damping=4e4")
     start = at_rest(vehicle, 10.0)

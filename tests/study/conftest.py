@@ -1,4 +1,4 @@
-"""Leaves out all but the first case of each study where they are shortened."""
+"""With STUDY=short, leave out all but the first case of each study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The studies shortened, with STUDY=short: two seeds, the first case of each, and no word on spreads."""
+"""Shortened studies, with STUDY=short: two seeds, the first case of each, no check of spreads."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ _FEW = 2
 
 
 def seeds(count: int) -> range:
-    """So many seeds, or a few of them."""
+    """Range of this many seeds, or of two with STUDY=short."""
     return range(min(count, _FEW) if SHORT else count)

@@ -1,4 +1,4 @@
-"""Do the intervals of an identification cover the truth? Many seeds, and each way to measure each way to begin.
+"""Coverage of the truth by intervals of identifications: many seeds, all kinds of data and initial states.
 
 The suite has a few of each (`tests/hil/identification`).
 """
@@ -20,7 +20,7 @@ def rms(z: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
-def test_errors_are_as_large_as_the_standard_deviations_say(model: str) -> None:
+def test_errors_match_the_standard_deviations(model: str) -> None:
     z = many_seeds.of_white_noise(model, seeds(25))
     assert np.abs(z).max() < 3.5
     if SHORT:
@@ -34,7 +34,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say(model: str) -> None:
     assert np.std(z, axis=0).max() < 1.4
 
 
-def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_mislead() -> None:
+def test_hall_counts_are_compared_at_their_edges_only() -> None:
     edges, naive = many_seeds.of_hall_counts(seeds(15))
     assert np.abs(edges).max() < 3.0
     if SHORT:
@@ -44,7 +44,7 @@ def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_misle
     assert np.abs(naive[:, 2]).max() > 5.0  # measured 8.2; 48 without the rounding's share
 
 
-def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> None:
+def test_correlated_residuals_widen_the_standard_deviations_to_the_size_of_the_errors() -> None:
     robust, classic = many_seeds.of_coloured_noise(seeds(25))
     assert np.all(np.abs(robust) < np.abs(classic))
     if SHORT:
@@ -53,7 +53,7 @@ def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> N
     assert np.std(classic) > 2.0
 
 
-def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter() -> None:
+def test_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, seeds(16))
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)
@@ -66,19 +66,19 @@ def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter(
 
 @pytest.mark.parametrize("quantum", [0.0, QUANTUM])
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
-def test_thinned_data_lead_to_the_truth(rate: float | None, factor: int, quantum: float) -> None:
+def test_estimates_from_thinned_data_agree_with_the_truth(rate: float | None, factor: int, quantum: float) -> None:
     z = many_seeds.of_thinned_data(rate, factor, quantum, seeds(4))
     assert np.max(np.abs(z)) < 3.0
 
 
 @pytest.mark.parametrize("outputs", [*pauses.NOISE])
 @pytest.mark.parametrize("case", [*pauses.CASES])
-def test_a_measurement_that_begins_in_a_pause_tells_the_same(case: str, outputs: str) -> None:
+def test_a_measurement_that_begins_in_a_pause_gives_the_true_parameters(case: str, outputs: str) -> None:
     pauses.check_that_the_truth_is_found(case, outputs)
 
 
 @pytest.mark.parametrize("seed", [3, 7])
-def test_a_search_ends_where_one_from_the_truth_does(seed: int) -> None:
+def test_a_search_ends_at_the_same_minimum_as_one_from_the_truth(seed: int) -> None:
     pauses.check_where_a_search_ends(seed)
 
 

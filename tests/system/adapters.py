@@ -1,4 +1,4 @@
-"""Stand-ins for what is at the other end of python-can's interfaces: slcan adapter, socketcand server, driver."""
+"""Stand-ins for the far ends of python-can's interfaces: slcan adapter, socketcand server, driver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DRIVER = [flag for second in range(0, 90, 3) for flag in ("--request", f"{second
 
 @contextlib.contextmanager
 def running(step: Callable[[], None]) -> Iterator[None]:
-    """Call `step` again and again in a thread."""
+    """Call `step` repeatedly in a thread."""
     ended = threading.Event()
 
     def go() -> None:
@@ -37,7 +37,7 @@ def running(step: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def slcan_adapters() -> Iterator[tuple[str, str]]:
-    """Two ports, each with an slcan adapter, which are on one bus."""
+    """Ports of two slcan adapters that are on one bus."""
     pairs = [pty.openpty() for _ in range(2)]
     for master, slave in pairs:
         tty.setraw(slave)
@@ -66,7 +66,7 @@ def slcan_adapters() -> Iterator[tuple[str, str]]:
 
 
 class Client:
-    """One that is connected to the socketcand server."""
+    """Connection of one client to the socketcand server."""
 
     def __init__(self, link: socket.socket) -> None:
         self.link = link
@@ -75,7 +75,7 @@ class Client:
         link.sendall(b"< hi >")
 
     def messages(self) -> list[list[str]]:
-        """What it says, split into words."""
+        """Messages of the client, split into words."""
         try:
             *said, self.rest = (self.rest + self.link.recv(65536).decode()).split(">")
         except OSError:
@@ -85,7 +85,7 @@ class Client:
 
 @contextlib.contextmanager
 def socketcand_server() -> Iterator[int]:
-    """The port of a server with one bus: who opens it hears what the others send there."""
+    """Port of a server with one bus, which passes each client's frames on to the others."""
     clients: list[Client] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
 

@@ -1,4 +1,4 @@
-"""The example ECU in C, built, its library loaded, and two terminals that are the ends of one serial line."""
+"""The example ECU in C: built as program or library, and a serial line of two terminals."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ STOP, OPEN, CLOSE = 0, 1, 2
 
 
 def build_ecu(folder: Path) -> tuple[Path, Path]:
-    """The example ECU for SocketCAN and for a serial line, made in this folder."""
+    """Build the example ECU for SocketCAN and for a serial line in this folder."""
     _make(folder, "ecu-can", "ecu-serial")
     return folder / "ecu-can", folder / "ecu-serial"
 
 
 def build_library(folder: Path) -> Path:
-    """The example ECU as a library, made in this folder."""
+    """Build the example ECU as a library in this folder."""
     _make(folder, "liftgate-ecu.so")
     return folder / "liftgate-ecu.so"
 
@@ -53,7 +53,7 @@ def _make(folder: Path, *targets: str) -> None:
 
 
 class Frame(NamedTuple):
-    """A frame as a test writes it; `length` where it isn't that of the data."""
+    """A frame as written by a test; `length` is set where it differs from that of the data."""
 
     identifier: int
     data: bytes
@@ -62,7 +62,7 @@ class Frame(NamedTuple):
 
 
 class LiftgateFrame(ctypes.Structure):
-    """`struct liftgate_frame`."""
+    """ctypes structure of `struct liftgate_frame`."""
 
     _fields_ = (
         ("id", ctypes.c_uint32),
@@ -73,7 +73,7 @@ class LiftgateFrame(ctypes.Structure):
 
 
 class LibraryEcu:
-    """One ECU of a library; to be closed."""
+    """One ECU of a library; must be closed."""
 
     def __init__(self, library: Path) -> None:
         self._functions = functions = ctypes.CDLL(str(library))
@@ -97,7 +97,7 @@ class LibraryEcu:
         self._functions.liftgate_ecu_request(self._ecu, action)
 
     def step(self, now_ns: int, frames: Sequence[Frame] = (), capacity: int = 4) -> list[Frame]:
-        """What it sends; nothing beyond `capacity` is touched."""
+        """Frames sent in this step; asserts that nothing beyond `capacity` is written."""
         taken = (LiftgateFrame * len(frames))(*map(_c_frame, frames))
         sent = (LiftgateFrame * (capacity + 1))()
         guard = bytes([0xA5]) * ctypes.sizeof(LiftgateFrame)
@@ -118,7 +118,7 @@ def _c_frame(frame: Frame) -> LiftgateFrame:
 
 @contextlib.contextmanager
 def serial_line() -> Iterator[tuple[str, str]]:
-    """The names of two terminals; what is written to one is read from the other."""
+    """Names of two terminals; what is written to one is read from the other."""
     masters, slaves = zip(*(os.openpty() for _ in range(2)), strict=True)
     for slave in slaves:
         tty.setraw(slave)

@@ -1,4 +1,4 @@
-"""A gate that is a few lines of kinematics, on a bus of frames in memory with an ECU library."""
+"""A kinematic gate on a bus of frames in memory, with an ECU library."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def whole_gate(current: float, count: int, latched: bool) -> list[Frame]:
 
 
 def decode(frame: Frame) -> dict[str, float]:
-    """A DriveCommand, after a look at its frame."""
+    """Decode a DriveCommand after checking its frame."""
     assert (frame.identifier, len(frame.data), frame.flags) == (COMMAND, 8, 0)
     assert frame.data[7] == j1850(COMMAND, frame.data, 7)
     return dict(DATABASE.decode_message(COMMAND, frame.data, decode_choices=False))
 
 
 def duty_of(frame: Frame) -> float:
-    """Signed; both drives alike."""
+    """Signed duty of a command; asserts that both drives get the same."""
     signals = decode(frame)
     assert signals["LeftDuty"] == signals["RightDuty"]
     assert signals["LeftDirection"] == signals["RightDirection"]
@@ -48,7 +48,7 @@ def duty_of(frame: Frame) -> float:
 
 
 class Gate:
-    """Moves as fast as the duty says, takes up in the latch; below the count `trap` something resists."""
+    """Gate that moves in proportion to the duty and latches; below the count `trap` an obstacle resists."""
 
     def __init__(self, count: float = 0.0, trap: float | None = None) -> None:
         self.count = count

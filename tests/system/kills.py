@@ -1,4 +1,4 @@
-"""Emulators killed at random moments, and what is left of their recordings."""
+"""Emulators killed at random moments, and the recordings that they leave."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NAMES = ("a.log", "a.mf4", "a.blf", "a.csv")
 
 @contextlib.contextmanager
 def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """One that has begun to record."""
+    """Start an emulator and wait until it records."""
     records = [part for name in NAMES for part in ("--record", str(folder / name))]
     command = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--quiet", *records]
     with subprocess.Popen(
@@ -43,7 +43,7 @@ def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def recorder_of(folder: Path) -> int:
-    """The process that records there."""
+    """Return the id of the process that records there."""
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
             command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
@@ -65,7 +65,7 @@ def rows_in(path: Path) -> list[list[float]]:
 
 
 class Death(NamedTuple):
-    """When a process was certainly still alive, and when it certainly no longer was."""
+    """Last time at which a process was certainly alive, and first at which it was certainly dead."""
 
     alive: float
     gone: float
@@ -89,7 +89,7 @@ def check_text(lines: list[str], rows: list[list[float]], death: Death) -> None:
 
 
 def killed_emulator(folder: Path, seed: int) -> Death:
-    """Kill one; when it was, once its orphan has completed the files."""
+    """Kill an emulator, wait until its orphaned recorder has completed the files, and return the time of death."""
     with emulator(folder) as child:
         time.sleep(random.Random(seed).uniform(0.1, 1.5))
         death = kill(child)
@@ -100,7 +100,7 @@ def killed_emulator(folder: Path, seed: int) -> Death:
 
 
 def check_kills(folder: Path, rounds: int) -> None:
-    """Kill as many emulators, four beside each other, and read what their recorders leave."""
+    """Kill this many emulators, four at a time, and check the recordings that they leave."""
     folders = [folder / str(number) for number in range(rounds)]
     for each in folders:
         each.mkdir()

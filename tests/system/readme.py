@@ -1,5 +1,5 @@
-"""The commands and blocks of README.md, of the pages in docs, and of what `init` prints, as they stand there, and
-where they can be tried.
+"""Commands and blocks of README.md, of the pages in docs, and of the output of `init`, and ways to test them
+unchanged.
 
 A plain `liftgate-hil` command is a call in this process, which spares its start; all others are processes.
 """
@@ -65,7 +65,7 @@ ELSEWHERE = {
 
 
 class Around(NamedTuple):
-    """Surroundings of a page's commands: those that its reader has run before, and what is shortened in tests."""
+    """Context of a page's commands: commands run before them, and values shortened in tests."""
 
     before: tuple[str, ...] = ()
     places: Mapping[str, str] = {}
@@ -103,7 +103,7 @@ _WRITTEN = re.compile(r"--(?:output|record|results|html|junit|save-vehicle|save-
 
 
 class Block(NamedTuple):
-    """A block of a page: fenced, with the language that it states, or indented, with the one that it has."""
+    """A block of a page: fenced with its stated language, or indented with a derived one."""
 
     page: str
     kind: str  # "commands", "python", "toml", another language of a fence, or "plain"
@@ -111,30 +111,30 @@ class Block(NamedTuple):
 
     @property
     def file(self) -> str:
-        """The name of the file that the block is, by its first line; else empty."""
+        """Name of the file that the block contains, by its first line; else empty."""
         match = re.match(r"(?:#|//) ([\w./-]+\.(?:toml|py|c|yml))$", self.text.split("\n", 1)[0])
         return match[1] if match else ""
 
 
 def pages() -> list[Path]:
-    """README, and the pages of docs."""
+    """Paths of README and of the pages of docs."""
     return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def text() -> str:
-    """All of them, one after the other."""
+    """Concatenated text of all pages."""
     return "\n".join(each.read_text(encoding="utf-8") for each in pages())
 
 
 @functools.cache
 def commands() -> tuple[str, ...]:
-    """Every command of them, each once, without the comment behind."""
+    """Every command of the pages, each once, without the comment after it."""
     found = [block for page in pages() for block in blocks(page) if block.kind == "commands"]
     return tuple(dict.fromkeys(line for block in found for line, _ in commands_in(block)))
 
 
 def command(start: str) -> str:
-    """The one that begins so, or is all of this."""
+    """Return the only command that begins with, or equals, this text."""
     found = [each for each in commands() if each == start]
     found = found or [each for each in commands() if each.startswith(start)]
     assert len(found) == 1, (start, found)
@@ -142,7 +142,7 @@ def command(start: str) -> str:
 
 
 def block(line: str) -> str:
-    """The lines of the indented block with this line, up to the next command."""
+    """Return the lines of the indented block with this line, up to the next command."""
     lines = text().splitlines()
     at = next(k for k, each in enumerate(lines) if each.startswith(f"    {line}"))
     kept = []
@@ -154,12 +154,12 @@ def block(line: str) -> str:
 
 
 def blocks(page: Path) -> list[Block]:
-    """All blocks of a page, in its order."""
+    """All blocks of a page, in order."""
     return [Block(page.name, kind or _kind_of(text), text) for kind, text in _raw_blocks(page) if text.strip()]
 
 
 def _raw_blocks(page: Path) -> Iterator[tuple[str, str]]:
-    """Each block's language, where a fence states it, and its text."""
+    """Language (where a fence states it) and text of each block."""
     lines = page.read_text(encoding="utf-8").splitlines()
     kept: list[str] = []
     at = 0
@@ -186,7 +186,7 @@ def _raw_blocks(page: Path) -> Iterator[tuple[str, str]]:
 
 
 def _kind_of(text: str) -> str:
-    """What an indented block is written in."""
+    """Language of an indented block."""
     if text.startswith(_PROGRAMS):
         return "commands"
     try:
@@ -203,7 +203,7 @@ def _kind_of(text: str) -> str:
 
 
 def commands_in(block: Block) -> list[tuple[str, int]]:
-    """The commands of a block, each with the exit code that the comment behind it tells."""
+    """Commands of a block, each with the exit code stated in the comment after it."""
     found = []
     for line in re.sub(r" *\\\n *", " ", block.text).splitlines():
         told = re.search(r" {2,}#.*exit code (\d)", line)
@@ -212,12 +212,12 @@ def commands_in(block: Block) -> list[tuple[str, int]]:
 
 
 def written_by(line: str) -> list[str]:
-    """The files and folders that a command says it writes."""
+    """Files and folders that a command's options name as output."""
     return [each for each in _WRITTEN.findall(line) if each != "-"]
 
 
 def in_order() -> list[str]:
-    """The pages that tests/system/test_manual_blocks.py goes through from top to bottom."""
+    """Names of the pages that tests/system/test_manual_blocks.py runs from top to bottom."""
     kinds = {"commands", "python"}
     found = [page.name for page in pages() if any(block.kind in kinds for block in blocks(page))]
     return [name for name in found if name not in NOT_IN_ORDER]
@@ -225,7 +225,7 @@ def in_order() -> list[str]:
 
 @functools.cache
 def asked_for() -> frozenset[str]:
-    """The commands that tests ask for by `command` with a text, and run in a way of their own."""
+    """Commands that tests request by `command` with a text and run in their own way."""
     found = set()
     for path in (ROOT / "tests").rglob("test_*.py"):
         source = path.read_text(encoding="utf-8")
@@ -235,7 +235,7 @@ def asked_for() -> frozenset[str]:
 
 
 def _texts_of_calls(tree: ast.AST) -> Iterator[str]:
-    """Each text that is the argument of a call of `command`."""
+    """Texts passed as arguments to calls of `command`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("command", "readme.command"):
             for each in node.args:
@@ -245,12 +245,12 @@ def _texts_of_calls(tree: ast.AST) -> Iterator[str]:
 
 @functools.cache
 def run_elsewhere() -> frozenset[str]:
-    """The commands that are left out where a page is gone through."""
+    """Commands that are skipped where a page is run from top to bottom."""
     return asked_for() | {command(each) for each in ELSEWHERE}
 
 
 def fresh_folder(folder: Path) -> Path:
-    """A folder with what README's commands take from a checkout, as copies."""
+    """Make a folder with copies of the files of a checkout that README's commands use."""
     ignored = shutil.ignore_patterns("build", "__pycache__")
     for name in ("dbc", "docs/examples", "tools/ecu"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
@@ -267,9 +267,9 @@ _PLUGINS = ("anyio", "hypothesispytest", "pytest_cov")
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Of a user whose home is the folder, whose environment is activated and has no further plugins of pytest, and
-    who compiles C without optimization, which takes a third of the time; tests/hil/cli/test_init.py makes the ECU
-    with the flags of its Makefile.
+    """Environment of a user with this home folder, the virtual environment activated, no further plugins of
+    pytest, and C compiled without optimization, which takes a third of the time; tests/hil/cli/test_init.py builds
+    the ECU with the flags of its Makefile.
     """
     return {
         **os.environ,
@@ -282,14 +282,14 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def with_places(line: str, places: Mapping[str, str] | None) -> str:
-    """A command with other places for those that are not here."""
+    """Return a command with devices and addresses replaced by those of the test."""
     for theirs, here in (places or {}).items():
         line = line.replace(theirs, here)
     return line
 
 
 def start(line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = ""):
-    """The process of a command, with other places for those that are not here, and `more` behind it."""
+    """Start a command as a process, with devices and addresses replaced, and `more` appended."""
     line = with_places(line, places)
     given = environment(folder)
     if line.startswith(("make ", "cantools ", "python -m can")):
@@ -307,7 +307,7 @@ def start(line: str, folder: Path, places: Mapping[str, str] | None = None, more
 def outcome(
     line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = ""
 ) -> tuple[int, str, str]:
-    """The exit code of a command, what it prints, and its complaints."""
+    """Run a command; return its exit code, its standard output, and its error output."""
     if is_called(with_places(line, places)):
         _, *arguments = shlex.split(f"{with_places(line, places)} {more}")
         return called(lambda: main(arguments), folder)
@@ -320,15 +320,15 @@ def outcome(
 
 
 def is_called(line: str) -> bool:
-    """Whether a command is called here: one of ours that needs no shell, and that does not change its process."""
+    """Whether a command can be called in this process: one of this project without a shell or lasting effect."""
     name, *words = line.split()
     needs_process = {"compile", "doctor", "ecu", "--realtime", "--serial", "--dashboard"}
     return name == "liftgate-hil" and not re.search(r"[|&;<>$`*?]", line) and not needs_process.intersection(words)
 
 
 def called(function: Callable[[], int], folder: Path) -> tuple[int, str, str]:
-    """What a function returns, prints and complains of that runs in this process as a program in the folder would:
-    with its environment, its own modules, and stdout and stderr that the processes that it starts inherit.
+    """Run a function in this process as a program in the folder: with its environment and its own modules, and
+    stdout and stderr inherited by child processes. Return its exit code, output and error output.
     """
     modules, path = set(sys.modules), [*sys.path]
     importlib.invalidate_caches()
@@ -349,7 +349,7 @@ def called(function: Callable[[], int], folder: Path) -> tuple[int, str, str]:
 
 @contextlib.contextmanager
 def _redirected(name: str) -> Iterator[Path]:
-    """A file to which a stream of this process goes, for itself and for its children."""
+    """Redirect a stream of this process, and of its children, to a file."""
     ours = getattr(sys, name)
     number = {"stdout": 1, "stderr": 2}[name]
     ours.flush()
@@ -367,7 +367,7 @@ def _redirected(name: str) -> Iterator[Path]:
 
 
 def _content(path: Path) -> str:
-    """The text of a file that is needed no more."""
+    """Return the text of a file and delete the file."""
     text = path.read_text(encoding="utf-8")
     path.unlink()
     return text
@@ -376,7 +376,7 @@ def _content(path: Path) -> str:
 def run(
     line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = "", codes: tuple[int, ...] = (0,)
 ) -> str:
-    """What a command prints."""
+    """Run a command and return its output."""
     code, out, complaints = outcome(line, folder, places, more)
     assert code in codes, (line, out, complaints)
     assert "Traceback" not in complaints

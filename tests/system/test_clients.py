@@ -1,4 +1,4 @@
-"""Processes on a host-local multicast bus: the emulator, the reference ECU, and clients that are not ours."""
+"""Processes on a host-local multicast bus: the emulator, the reference ECU, and foreign clients."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_the_ecu_in_another_process_opens_the_gate(tmp_path: Path, group: str) -
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_emulator_in_order(tmp_path: Path, group: str, number: int) -> None:
+def test_sigint_or_sigterm_ends_the_emulator_without_an_error(tmp_path: Path, group: str, number: int) -> None:
     log = tmp_path / "run.log"
     with emulator(group, "--record", str(log)) as gate:
         wait_for(lambda: len(lines_of(log)) > 100, "nothing was recorded")
@@ -120,7 +120,7 @@ def test_a_signal_ends_the_emulator_in_order(tmp_path: Path, group: str, number:
     assert values["EmulatorState"] == "stopped"
 
 
-def test_a_kill_leaves_a_readable_log(tmp_path: Path, group: str) -> None:
+def test_a_killed_emulator_leaves_a_readable_log(tmp_path: Path, group: str) -> None:
     log = tmp_path / "run.log"
     with emulator(group, "--record", str(log)) as gate:
         wait_for(lambda: len(lines_of(log)) > 300, "nothing was recorded")
@@ -158,7 +158,7 @@ def test_can_logger_records_and_cantools_decodes_every_frame(tmp_path: Path, gro
     }  # fmt: skip
 
 
-def test_cantools_monitor_shows_the_gate(group: str) -> None:
+def test_cantools_monitor_shows_the_gates_signals(group: str) -> None:
     ours, theirs = pty.openpty()
     columns, lines = 140, 100
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
@@ -185,7 +185,7 @@ def test_cantools_monitor_shows_the_gate(group: str) -> None:
     os.close(theirs)
 
 
-def test_a_panel_moves_the_surroundings_and_a_bad_one_is_counted(group: str) -> None:
+def test_benchcontrol_changes_the_surroundings_and_bad_frames_are_counted(group: str) -> None:
     database = cantools.database.load_file(DBC)
     control = database.get_message_by_name("BenchControl")
     values = {"ObstacleAngle": 30, "ObstacleRate": 10, "RoadSlope": 6, "SupplyVoltage": 10.5, "HandForce": 0}
@@ -205,7 +205,7 @@ def test_a_panel_moves_the_surroundings_and_a_bad_one_is_counted(group: str) -> 
     assert heard["RoadSlope"] == 6.0
 
 
-def test_a_recorded_command_played_back_moves_the_gate(tmp_path: Path, group: str) -> None:
+def test_recorded_commands_played_back_move_the_gate(tmp_path: Path, group: str) -> None:
     """Three programs, and 4 s of commands in real time."""
     # The demo's own bus log, its first seconds, through python-can's player.
     folder = tmp_path / "demo"

@@ -1,4 +1,4 @@
-"""The files of docs/cluster.md: the script runs with stand-ins for SLURM, and the manifests fit together."""
+"""Files of docs/cluster.md: the script runs with stand-ins for SLURM, and the manifests are consistent."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def manifests() -> list[dict[str, Any]]:
 
 @pytest.fixture
 def job(tmp_path: Path) -> Path:
-    """A job's folder, with the page's script for a few variants, and a home with its environment."""
+    """Folder of a job with the page's script for a few variants, and a home with its environment."""
     home = tmp_path / "home"
     (home / "bin").mkdir(parents=True)
     (home / "liftgate/bin").mkdir(parents=True)
@@ -61,7 +61,7 @@ def begun(folder: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(["bash", "trap.sbatch"], cwd=folder, env=environment, start_new_session=True)
 
 
-def test_the_script_goes_on_after_its_time_limit(job: Path) -> None:
+def test_the_slurm_script_resumes_after_its_time_limit(job: Path) -> None:
     """Twice a scheduler, a worker and a client, as processes: some 20 s of CPU time."""
     process = begun(job)
     manifest = job / "trap" / "campaign.json"
@@ -83,7 +83,7 @@ def test_the_script_goes_on_after_its_time_limit(job: Path) -> None:
             process.wait()
 
 
-def test_the_manifests_fit_together() -> None:
+def test_the_kubernetes_manifests_are_consistent() -> None:
     found = {(each["kind"], each["metadata"]["name"]): each for each in manifests()}
     service = found["Service", "dask-scheduler"]["spec"]
     pods = {name: found["Deployment", name]["spec"]["template"] for name in ("dask-scheduler", "dask-worker")}

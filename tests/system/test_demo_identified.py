@@ -1,4 +1,4 @@
-"""The demo's own bus log tells the vehicle that was behind it, and what is found predicts another demo."""
+"""The vehicle is identified from a demo's bus log, and the result predicts another demo."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def recorded(folder: Path, *arguments: str, asked: dict[float, str] = REQUESTS, 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With noise on its currents."""
+    """The log with noise on its currents."""
     folder = tmp_path_factory.mktemp("demo") / "first"
     return recorded(folder, "--set", "sensors.current_noise=0.05", "--seed", "7")
 
 
 def identified(*arguments: object, within: float = 0.02, sigmas: float = SIGMAS) -> dict[str, Any]:
-    """The result, within its own uncertainty of the truth."""
+    """Return the result, after checking that it is within its own uncertainty of the truth."""
     names = ["--estimate", ",".join(TRUTH)]
     with contextlib.redirect_stdout(io.StringIO()) as said:
         line = ["identify", *map(str, arguments), *names, "--ideal", "--json", "--quiet"]
@@ -71,7 +71,7 @@ def identified(*arguments: object, within: float = 0.02, sigmas: float = SIGMAS)
 
 
 def with_late_stamps(log: Path, to: Path, seed: int) -> Path:
-    """The log with the commands stamped up to a tick off, as on a bench that runs in real time."""
+    """The log with command timestamps up to a tick off, as of a real-time bench."""
     rng = np.random.default_rng(seed)
     lines: list[tuple[float, str]] = []
     for line in log.read_text().splitlines():
@@ -86,12 +86,12 @@ def with_late_stamps(log: Path, to: Path, seed: int) -> Path:
 
 @pytest.fixture(scope="module")
 def found(log: Path) -> tuple[dict[str, Any], Path]:
-    """What the log tells, and the vehicle made of it."""
+    """Identification from the log, and the vehicle made of it."""
     vehicle = log.parent / "found.toml"
     return identified(log, "--save-vehicle", vehicle), vehicle
 
 
-def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
+def test_a_vehicle_identified_from_the_log_predicts_another_demo(
     capsys: pytest.CaptureFixture[str], found: tuple[dict[str, Any], Path], tmp_path: Path
 ) -> None:
     """An identification of 20 s at 1 kHz."""
@@ -105,12 +105,12 @@ def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
         assert fits[output] > 98.0, fits
 
 
-def test_a_part_of_the_log_after_the_latch_was_released_tells_the_same(log: Path) -> None:
+def test_the_log_after_the_latch_release_alone_gives_the_true_vehicle(log: Path) -> None:
     result = identified(log, "--from", "3", "--to", "8.3", within=0.3)
     assert result["fit_percent"]["left_current_a"] > 50.0
 
 
-def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
+def test_timestamps_off_by_up_to_a_tick_widen_the_uncertainty(
     found: tuple[dict[str, Any], Path], log: Path, tmp_path: Path
 ) -> None:
     """An identification of 20 s at 1 kHz."""
@@ -125,6 +125,6 @@ def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
     assert max(wider) > 1.5
 
 
-def test_a_log_of_a_foreign_database_tells_the_same(tmp_path: Path) -> None:
+def test_a_log_of_a_foreign_database_gives_the_same_result(tmp_path: Path) -> None:
     path = recorded(tmp_path / "foreign", "--rig", str(FOREIGN), asked=FEW, duration=8.4)
     identified(path, "--rig", FOREIGN)

@@ -1,4 +1,4 @@
-"""The example ECU as a library: its requests, its cycle, its frames, and what it makes of others'."""
+"""The example ECU as a library: its requests, cycle and frames, and its reaction to received frames."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_the_library_exports_its_four_functions_and_nothing_else(library: Path) 
 
 @pytest.mark.parametrize("tick_ns", [MS, MS // 2, 3 * MS, 10 * MS, 25 * MS, 333_333])
 @pytest.mark.parametrize("begin_ns", [0, 7_123_456_789])
-def test_a_command_comes_every_10_ms_whatever_the_tick(ecu: LibraryEcu, tick_ns: int, begin_ns: int) -> None:
+def test_a_command_is_sent_every_10_ms_at_any_tick_rate(ecu: LibraryEcu, tick_ns: int, begin_ns: int) -> None:
     ticks = range(0, 1000 * MS, tick_ns)
     ecu.request(OPEN)
     sent = [
@@ -61,13 +61,13 @@ def test_a_command_comes_every_10_ms_whatever_the_tick(ecu: LibraryEcu, tick_ns:
     assert any(duty_of(frame) > 0.0 for _, frame in sent)
 
 
-def test_cycles_that_were_missed_are_not_made_up_for(ecu: LibraryEcu) -> None:
+def test_missed_command_cycles_are_not_caught_up(ecu: LibraryEcu) -> None:
     times = [0, *range(1000 * MS, 1050 * MS, MS)]
     sent = [now for now in times for _ in ecu.step(now)]
     assert sent == [0, *range(1000 * MS, 1050 * MS, 10 * MS)]
 
 
-def test_it_sends_coasting_commands_until_it_is_asked_to_move(ecu: LibraryEcu) -> None:
+def test_the_ecu_sends_coasting_commands_until_asked_to_move(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, Gate())
     bench.run(2.0)
     assert len(bench.sent) == 200
@@ -75,7 +75,7 @@ def test_it_sends_coasting_commands_until_it_is_asked_to_move(ecu: LibraryEcu) -
     assert not any(decode(frame)["LatchRelease"] for _, frame in bench.sent)
 
 
-def test_it_opens_and_closes_on_request(ecu: LibraryEcu) -> None:
+def test_the_ecu_opens_and_closes_the_gate_on_request(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, gate := Gate())
     bench.run(0.5)
     bench.press(OPEN, then=7.0)
@@ -88,7 +88,7 @@ def test_it_opens_and_closes_on_request(ecu: LibraryEcu) -> None:
     assert gate.count > 0.0
 
 
-def test_its_motion_does_not_hang_on_the_tick(library: Path) -> None:
+def test_the_gates_motion_does_not_depend_on_the_ecus_tick(library: Path) -> None:
     gates = [Gate() for _ in range(4)]
     for gate, tick_ns in zip(gates, (MS // 2, MS, 3 * MS, 25 * MS), strict=True):
         ecu = LibraryEcu(library)
@@ -98,7 +98,7 @@ def test_its_motion_does_not_hang_on_the_tick(library: Path) -> None:
     assert [gate.count for gate in gates[1:]] == pytest.approx([gates[0].count] * 3, abs=30.0)
 
 
-def test_it_reverses_from_what_is_trapped_and_will_not_close_meanwhile(ecu: LibraryEcu) -> None:
+def test_the_ecu_reverses_on_an_obstacle_and_refuses_to_close_meanwhile(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, gate := Gate(trap=1100.0))
     bench.press(OPEN, then=7.0)
     bench.press(CLOSE, then=1.5)
@@ -121,7 +121,7 @@ def test_a_reversal_ends_at_the_end_stop(ecu: LibraryEcu) -> None:
     assert bench.duties()[-1] == 0.0
 
 
-def test_a_stop_lets_the_motors_coast_in_the_next_cycle(ecu: LibraryEcu) -> None:
+def test_a_stop_request_makes_the_motors_coast_in_the_next_cycle(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, Gate())
     bench.press(OPEN, then=2.0)
     assert bench.duties()[-1] > 0.0
@@ -131,13 +131,13 @@ def test_a_stop_lets_the_motors_coast_in_the_next_cycle(ecu: LibraryEcu) -> None
     assert bench.duties()[-1] < 0.0
 
 
-def test_a_gate_found_ajar_is_closed_into_its_latch(ecu: LibraryEcu) -> None:
+def test_a_gate_standing_ajar_is_closed_into_its_latch(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, gate := Gate(count=1500.0))
     bench.press(CLOSE, then=9.0)
     assert gate.latched
 
 
-def test_a_request_waits_until_the_gate_is_heard_and_a_later_one_replaces_it(
+def test_a_request_waits_for_frames_of_the_gate_and_a_later_one_replaces_it(
     ecu: LibraryEcu, other: LibraryEcu
 ) -> None:
     for each in (ecu, other):
@@ -152,7 +152,7 @@ def test_a_request_waits_until_the_gate_is_heard_and_a_later_one_replaces_it(
         assert (gate.count > 0.0) is moves
 
 
-def test_actions_that_it_does_not_know_are_ignored(ecu: LibraryEcu) -> None:
+def test_unknown_actions_are_ignored(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, Gate())
     bench.press(OPEN, then=0.0)
     for action in (-1, 3, 2**31 - 1, -(2**31)):
@@ -161,7 +161,7 @@ def test_actions_that_it_does_not_know_are_ignored(ecu: LibraryEcu) -> None:
     assert bench.duties()[-1] > 0.0
 
 
-def test_two_ecus_share_nothing(ecu: LibraryEcu, other: LibraryEcu, library: Path) -> None:
+def test_two_ecus_of_one_library_share_no_state(ecu: LibraryEcu, other: LibraryEcu, library: Path) -> None:
     alone = LibraryEcu(library)
     reference = Bench(alone, Gate())
     reference.press(OPEN, then=3.0)
@@ -175,7 +175,7 @@ def test_two_ecus_share_nothing(ecu: LibraryEcu, other: LibraryEcu, library: Pat
     assert not any(idle.duties())
 
 
-def test_without_room_nothing_is_written_and_the_counter_stays(ecu: LibraryEcu) -> None:
+def test_without_buffer_space_nothing_is_written_and_the_counter_stays(ecu: LibraryEcu) -> None:
     assert [decode(frame)["AliveCounter"] for frame in ecu.step(0)] == [0]
     assert ecu.step(10 * MS, capacity=0) == []  # a frame was due
     assert ecu.step(20 * MS, capacity=0) == []
@@ -183,7 +183,7 @@ def test_without_room_nothing_is_written_and_the_counter_stays(ecu: LibraryEcu) 
 
 
 def wrong(frames: Sequence[Frame], kind: str) -> list[Frame]:
-    """The frames, made unfit for use."""
+    """Frames made invalid."""
     flags = {"extended": EXTENDED, "remote": REMOTE, "error": ERROR}
     lengths = {"short": -1, "long": 1, "empty": None, "absurd": 247}
     if kind in flags:
@@ -210,7 +210,7 @@ KINDS = (
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_gate_that_sends_garbage_is_not_heard(ecu: LibraryEcu, kind: str) -> None:
+def test_frames_of_a_gate_that_sends_garbage_are_ignored(ecu: LibraryEcu, kind: str) -> None:
     sound = whole_gate(0.5, 0, latched=True)
     mixed = wrong(sound, kind) + (sound[2:] if kind == "checksum" else [])
     ecu.request(OPEN)
@@ -219,7 +219,7 @@ def test_a_gate_that_sends_garbage_is_not_heard(ecu: LibraryEcu, kind: str) -> N
     assert not any(duty_of(frame) for frame in sent)
 
 
-def test_garbage_changes_nothing_about_a_motion(ecu: LibraryEcu, other: LibraryEcu) -> None:
+def test_garbage_frames_do_not_affect_a_motion(ecu: LibraryEcu, other: LibraryEcu) -> None:
     trapped_and_home = whole_gate(-30.0, 100_000, latched=True)
     noise = [frame for kind in KINDS for frame in wrong(trapped_and_home, kind)]
     clean, disturbed = Bench(ecu, Gate()), Bench(other, Gate(), noise)
@@ -230,7 +230,7 @@ def test_garbage_changes_nothing_about_a_motion(ecu: LibraryEcu, other: LibraryE
     assert disturbed.sent == clean.sent
 
 
-def test_any_frames_at_all_leave_its_commands_sound(ecu: LibraryEcu) -> None:
+def test_any_received_frames_leave_the_commands_valid(ecu: LibraryEcu) -> None:
     dice = random.Random(1)
     identifiers = [LEFT_DRIVE, RIGHT_DRIVE, GATE, 0, 0xFFFFFFFF]
     sent: list[Frame] = []

@@ -16,7 +16,7 @@ EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 
 
 def run_script(script: Path, folder: Path) -> str:
-    """What a script prints that is run in a folder of its own, one in a process, the others in this one."""
+    """Output of a script run in a folder of its own: one in a process, the others in this process."""
     if script.stem != "run_scenario":
         return run_here(script, folder)
     done = subprocess.run(
@@ -39,7 +39,7 @@ def run_here(script: Path, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_where_it_is_started_and_tells_what_it_found(script: Path, tmp_path: Path) -> None:
+def test_an_example_runs_in_its_folder_and_prints_its_result(script: Path, tmp_path: Path) -> None:
     if script.stem == "c_ecu" and shutil.which("cc") is None:
         pytest.skip("no C compiler")
     before = sorted(script.parent.iterdir())

@@ -1,4 +1,4 @@
-"""A working directory with files that are called like modules: none of them is ever run."""
+"""A working directory with files named like modules: none of them is ever imported."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
     ],
     ids=lambda arguments: " ".join(arguments[:3]),
 )
-def test_files_of_the_working_directory_are_not_imported(
+def test_files_in_the_working_directory_are_not_imported(
     folder: Path, tmp_path_factory: pytest.TempPathFactory, arguments: list[str]
 ) -> None:
     """Each command is a process; one in real time takes 5 s."""

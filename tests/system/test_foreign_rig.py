@@ -1,4 +1,4 @@
-"""A bus that is not ours runs the demo unchanged."""
+"""The demo runs unchanged on a foreign database."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_the_demo_runs_on_a_foreign_database(tmp_path: Path, capsys: pytest.Capt
     assert float(rows[-1]["latched"]) == 1.0
 
 
-def test_the_demo_runs_on_a_rig_as_it_was_drafted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_runs_on_a_rig_as_drafted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     database = Path(__file__).parents[1] / "hil/config/foreign/gm_plgm.dbc"
     rig = tmp_path / "drafted.toml"
     assert main(["rig", "draft", str(database), "--output", str(rig)]) == 0
@@ -61,7 +61,7 @@ def test_the_demo_runs_on_a_rig_as_it_was_drafted(tmp_path: Path, capsys: pytest
     check_story(capsys.readouterr().out)
 
 
-def test_the_same_run_twice_is_the_same_to_the_bit(tmp_path: Path) -> None:
+def test_the_same_run_on_a_foreign_database_is_bit_identical(tmp_path: Path) -> None:
     recordings = []
     for name in ("first", "second"):
         folder = tmp_path / name

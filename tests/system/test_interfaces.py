@@ -1,4 +1,4 @@
-"""Interfaces of python-can that can be had without hardware: gate and ECU, two processes, over each."""
+"""Interfaces of python-can that need no hardware: gate and ECU as two processes over each."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def process(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def last_angle(record: Path) -> float:
-    """In the last whole row of a recording; 0 where there is none."""
+    """Gate angle in the last complete row of a recording; 0 where there is none."""
     rows = record.read_text().splitlines() if record.is_file() else []
     if len(rows) < 3:
         return 0.0
@@ -78,7 +78,7 @@ def last_angle(record: Path) -> float:
 
 
 @pytest.mark.parametrize("interface", [udp_multicast, slcan, serial, socketcand])
-def test_an_ecu_opens_the_gate_over_an_interface(
+def test_an_ecu_opens_the_gate_over_each_python_can_interface(
     tmp_path: Path, interface: Callable[[Path], contextlib.AbstractContextManager[Ends]]
 ) -> None:
     record = tmp_path / "run.csv"

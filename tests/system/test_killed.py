@@ -1,4 +1,4 @@
-"""Killed processes: of a recording at most a second is lost, and of a run without its recorder nothing."""
+"""Killed processes: at most a second of a recording is lost; a run survives its recorder."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from liftgate_hil.cli.main import main
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
-def test_a_killed_emulators_recordings_are_whole_to_the_last_second(tmp_path: Path) -> None:
+def test_recordings_of_a_killed_emulator_are_complete_to_the_last_second(tmp_path: Path) -> None:
     check_kills(tmp_path, 3)  # 50: tests/study
 
 
-def test_the_text_survives_when_all_processes_are_killed(tmp_path: Path) -> None:
+def test_text_recordings_survive_a_kill_of_all_processes(tmp_path: Path) -> None:
     with emulator(tmp_path) as child:
         time.sleep(random.Random(0).uniform(0.1, 1.5))
         recorder = recorder_of(tmp_path)
@@ -56,7 +56,7 @@ def signals_restored() -> Iterator[None]:
 
 
 def last_state(other: can.BusABC) -> int:
-    """What the emulator said of itself at last; 3 is stopped."""
+    """Last state that the emulator sent; 3 is stopped."""
     state = -1
     while (message := other.recv(0)) is not None:
         state = message.data[7] & 3 if message.arbitration_id == 0x6E0 else state
@@ -70,7 +70,7 @@ def run_beside(other: str, *records: Path) -> int:
     )  # fmt: skip
 
 
-def test_without_its_recorder_a_run_goes_on_and_says_what_was_not_recorded(
+def test_a_run_whose_recorder_was_killed_goes_on_and_reports_the_lost_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, table = tmp_path / "a.log", tmp_path / "a.csv"
@@ -94,7 +94,7 @@ def test_without_its_recorder_a_run_goes_on_and_says_what_was_not_recorded(
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_on_a_full_disk_a_run_goes_on_and_says_what_was_not_recorded(
+def test_on_a_full_disk_a_run_goes_on_and_reports_the_lost_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path, good = tmp_path / f"full{suffix}", tmp_path / "good.log"
@@ -113,7 +113,7 @@ def test_on_a_full_disk_a_run_goes_on_and_says_what_was_not_recorded(
     assert states[-1] == 3, "the other recording goes on to the end of the run"
 
 
-def test_a_full_disk_takes_the_recording_and_not_the_summary(
+def test_a_full_disk_ends_the_recording_but_not_the_summary(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "full.csv"
@@ -125,7 +125,7 @@ def test_a_full_disk_takes_the_recording_and_not_the_summary(
     assert told.err.splitlines()[-1].startswith(f"liftgate-hil: --record {path}: recording ended at ")
 
 
-def test_a_service_that_is_stopped_has_its_recordings_completed(tmp_path: Path) -> None:
+def test_a_stopped_service_completes_its_recordings(tmp_path: Path) -> None:
     # A service manager sends SIGTERM to all processes of the service at once.
     with emulator(tmp_path) as child:
         os.kill(recorder_of(tmp_path), signal.SIGTERM)
@@ -135,7 +135,7 @@ def test_a_service_that_is_stopped_has_its_recordings_completed(tmp_path: Path) 
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(NAMES)
 
 
-def test_a_file_that_cannot_be_written_is_reported_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_cannot_be_written_is_reported_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     path = Path("/proc/nosuch.log")
     assert run_beside(str(uuid.uuid4()), path) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -157,7 +157,7 @@ class Ecu:
 """
 
 
-def test_what_an_ecu_has_started_ends_with_a_program_that_is_killed(tmp_path: Path) -> None:
+def test_child_processes_of_an_ecu_end_when_the_program_is_killed(tmp_path: Path) -> None:
     (tmp_path / "forks.py").write_text(FORKS)
     (tmp_path / "s.toml").write_text('duration = 60\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n')
     command = [sys.executable, "-m", "liftgate_hil", "test", "s.toml", "--clock", "realtime"]

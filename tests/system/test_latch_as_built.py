@@ -1,4 +1,4 @@
-"""The reference ECU with a latch as built: its release takes time, it may be caught half, it may cinch."""
+"""The reference ECU with a detailed latch: slow release, half position, cinching."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BUILT = ("latch.half=0.008",)
 
 
 def told(vehicle: str, *settings: str, duration: float | None = None) -> list[str]:
-    """The events of the demo, without their figures."""
+    """Events of the demo, without their figures."""
     result = lh.run("demo", vehicle=vehicle, settings=settings, seed=3, duration=duration)
     return [re.sub("[0-9].*", "", each.text) for each in result.events]
 
@@ -25,18 +25,18 @@ def told(vehicle: str, *settings: str, duration: float | None = None) -> list[st
     [("latch.release_time=0.3",), ("latch.release_time=0.4", "latch.cinch='automatic'"), ("latch.hold_time=0",)],
     ids=["slow release", "cinching", "falls at once"],
 )
-def test_the_demo_goes_through_with_a_latch_as_built(vehicle: str, settings: tuple[str, ...]) -> None:
+def test_the_demo_passes_with_a_detailed_latch(vehicle: str, settings: tuple[str, ...]) -> None:
     events = told(vehicle, *BUILT, *settings)
     assert events == told(vehicle)
     assert events[-1] == "closed and latched"
 
 
-def test_a_latch_that_does_not_let_go_is_no_travel() -> None:
+def test_a_latch_that_does_not_release_is_reported_as_blocked() -> None:
     events = told("suv", *BUILT, "latch.release_time=3", duration=8.0)
     assert events == ["opening", "blocked while opening: stopped"]
 
 
-def test_what_was_left_half_closed_opens_again(tmp_path: Path) -> None:
+def test_a_gate_stopped_in_the_half_position_opens_again(tmp_path: Path) -> None:
     """The driver stops the gate in its half position, and asks for opening."""
     scenario = text_file(tmp_path / "half.toml", 'duration = 30\n'
         '[[request]]\ntime = 0.5\naction = "open"\n'

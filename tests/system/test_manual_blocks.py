@@ -80,7 +80,7 @@ def is_test(block: Block) -> bool:
 
 
 def work(folder: Path, page: str) -> Path:
-    """A folder with what the page's commands take from a checkout, and with the page's files."""
+    """Make a folder with the files of a checkout that the page's commands use, and the page's own files."""
     made = readme.fresh_folder(folder)
     for block in BLOCKS[page]:
         if block.file:
@@ -111,7 +111,7 @@ def blocks_with_tests() -> list[Block]:
 
 
 @pytest.mark.parametrize("number", range(len(blocks_with_tests())))
-def test_the_tests_on_a_page_pass(number: int, tmp_path: Path) -> None:
+def test_the_tests_shown_on_a_page_pass(number: int, tmp_path: Path) -> None:
     block = blocks_with_tests()[number]
     folder = work(tmp_path, block.page)
     (folder / "test_of_the_page.py").write_text(TOLD.get(block.page, "") + block.text)
@@ -121,7 +121,7 @@ def test_the_tests_on_a_page_pass(number: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(of_kind("toml"))))
-def test_a_block_of_toml_is_loaded(number: int, tmp_path: Path) -> None:
+def test_every_toml_block_loads(number: int, tmp_path: Path) -> None:
     block = of_kind("toml")[number]
     content = tomllib.loads(block.text)
     path = tmp_path / "file.toml"
@@ -144,7 +144,7 @@ def test_a_block_of_toml_is_loaded(number: int, tmp_path: Path) -> None:
         assert load_scenario(path)
 
 
-def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
+def test_each_shown_part_of_the_github_workflow_is_in_the_shipped_one() -> None:
     workflow = (data_root() / "configs/starter/workflow.yml").read_text(encoding="utf-8").splitlines()
     page = BLOCKS["first-ci-test.md"]
     blocks = [each for each in page if each.kind == "yaml" and not each.text.startswith("# In .gitlab-ci.yml")]
@@ -153,7 +153,7 @@ def test_a_part_of_the_workflow_is_in_the_workflow() -> None:
     assert [line for line in shown if line not in workflow] == []
 
 
-def test_what_other_ci_systems_are_told_to_run_runs(tmp_path: Path) -> None:
+def test_commands_shown_for_other_ci_systems_run(tmp_path: Path) -> None:
     files = [*of_kind("yaml"), *of_kind("groovy")]
     commands = {found for block in files for found in re.findall(r"(liftgate-hil test [^'\n]+)", block.text)}
     assert commands
@@ -164,7 +164,7 @@ def test_what_other_ci_systems_are_told_to_run_runs(tmp_path: Path) -> None:
         assert names == ["junit.xml", "report.html", "verdicts.json"]
 
 
-def test_no_command_hides_among_other_blocks() -> None:
+def test_no_block_of_another_kind_contains_commands() -> None:
     """Lines that begin with a program of this machine are commands, but in a script, which a test runs."""
     others = [
         block
@@ -178,7 +178,7 @@ def test_no_command_hides_among_other_blocks() -> None:
     assert found.keys() <= {"time", "kubectl"}, found  # a row of the panel; what needs a cluster
 
 
-def test_no_python_hides_among_other_blocks() -> None:
+def test_no_plain_block_contains_python() -> None:
     known = {"commands", "python", "toml", "text", "plain", "c", "yaml", "groovy", "dockerfile", "sh", "{toctree}"}
     for blocks in BLOCKS.values():
         for block in blocks:
@@ -187,7 +187,7 @@ def test_no_python_hides_among_other_blocks() -> None:
             assert block.kind not in ("plain", "text") or not is_code, (block.page, block.text)
 
 
-def test_every_file_of_a_page_is_used_on_it() -> None:
+def test_every_file_shown_on_a_page_is_used_on_it() -> None:
     for name, blocks in BLOCKS.items():
         for block in blocks:
             others = [each.text for each in blocks if each is not block]
@@ -197,7 +197,7 @@ def test_every_file_of_a_page_is_used_on_it() -> None:
 
 
 @pytest.mark.parametrize("page", readme.in_order())
-def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) -> None:
+def test_a_page_run_from_top_to_bottom_writes_and_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     """Every command of the page: each run of an ECU in C or Python has its own process, and so has pytest. Those
     on campaigns, measurements and recordings need some 50 runs, four fits and five pictures.
     """
@@ -234,7 +234,7 @@ def test_a_page_does_from_top_to_bottom_what_it_says(page: str, tmp_path: Path) 
             is_shown = False
 
 
-def test_the_lines_of_the_image_are_those_of_its_file() -> None:
+def test_dockerfile_lines_in_the_manual_are_those_of_the_example() -> None:
     lines = (DOCS / "examples" / "Dockerfile").read_text(encoding="utf-8").splitlines()
     shown = [line for block in of_kind("dockerfile") for line in block.text.splitlines()]
     assert shown
@@ -243,7 +243,7 @@ def test_the_lines_of_the_image_are_those_of_its_file() -> None:
 
 @pytest.mark.realtime
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="no taskset")
-def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
+def test_the_manuals_taskset_commands_bind_the_loop_to_a_cpu(tmp_path: Path) -> None:
     """The doctor waits 5 s for drivers to answer."""
     doctor = readme.command("taskset -c 0-3 liftgate-hil doctor")
     gate = readme.command("taskset -c 0-3 liftgate-hil --bus")
@@ -258,7 +258,7 @@ def test_the_loop_is_bound_to_a_cpu_as_the_page_says(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("is_recording", [False, True])
-def test_the_stream_goes_on_as_datagrams(
+def test_the_manuals_example_forwards_the_live_stream_as_datagrams(
     is_recording: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

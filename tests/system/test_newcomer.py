@@ -1,4 +1,4 @@
-"""A newcomer's path: every command of README.md and docs is run, and what `init` prints, in a fresh folder.
+"""A newcomer's path: every command of README.md and docs, and those printed by `init`, run in a fresh folder.
 
 Pages are gone through by test_manual_blocks.py. Here are the commands that need company: what is not here (a bus,
 a serial port) is replaced by what is, in `places`; what would run for ever gets a --duration.
@@ -29,7 +29,7 @@ SHORT = "--overrun-limit 60 --duration 0.3"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the user works."""
+    """Working directory of the user."""
     return readme.fresh_folder(tmp_path_factory.mktemp("newcomer"))
 
 
@@ -43,21 +43,21 @@ def demo(folder: Path) -> Path:
 
 @pytest.fixture
 def bus() -> dict[str, str]:
-    """A bus of this test's own in the place of README's."""
+    """Name of a bus for this test only, in place of README's."""
     group = f"239.77.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
     return {"socketcan:can0": f"udp_multicast:{group}", "239.74.163.2": group}
 
 
 @pytest.fixture
 def ports() -> Iterator[dict[str, str]]:
-    """The two ends of a serial line in the place of README's."""
+    """The two ends of a serial line, in place of README's ports."""
     with serial_line() as (ours, theirs):
         yield {"/dev/ttyUSB0": ours, "/dev/ttyUSB1": theirs}
 
 
 @contextlib.contextmanager
 def served(line: str, folder: Path, places: Mapping[str, str] | None = None) -> Iterator[list[str]]:
-    """Address and token of a page, whose command Ctrl-C ends in order."""
+    """Address and token of a page, whose command is ended by Ctrl-C without an error."""
     page = start(line, folder, places, "--listen 127.0.0.1:0")
     try:
         assert page.stdout is not None
@@ -74,7 +74,7 @@ def test_the_readme_is_one_page() -> None:
     assert len(page) <= 8_000
 
 
-def test_every_page_is_reached_from_the_readme_and_every_link_leads_somewhere() -> None:
+def test_every_page_is_reachable_from_the_readme_and_every_link_resolves() -> None:
     reached = set()
     for page in readme.pages():
         for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
@@ -88,7 +88,7 @@ def test_every_page_is_reached_from_the_readme_and_every_link_leads_somewhere() 
     assert reached >= {*readme.pages()[1:]}
 
 
-def test_every_command_of_the_pages_is_run_or_is_said_to_be_run_elsewhere() -> None:
+def test_every_command_of_the_pages_is_run_or_listed_as_run_elsewhere() -> None:
     gone_through = [block for name in readme.in_order() for block in readme.blocks(readme.ROOT / "docs" / name)]
     run_there = {line for each in gone_through if each.kind == "commands" for line, _ in readme.commands_in(each)}
     assert {*readme.commands()} - run_there - readme.run_elsewhere() == set()
@@ -102,11 +102,11 @@ def test_every_command_of_the_pages_is_run_or_is_said_to_be_run_elsewhere() -> N
 # A folder to start from.
 
 
-def test_the_kernel_tells_its_preemption(folder: Path) -> None:
+def test_the_manuals_uname_command_prints_the_kernels_build(folder: Path) -> None:
     assert run(command("uname -v"), folder).startswith("#")
 
 
-def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
+def test_the_commands_printed_by_init_run_unchanged(folder: Path) -> None:
     """All steps as programs: pytest twice, a build of the ECU in C, and two runs of it in a process of its own."""
     out = run("liftgate-hil init gate", folder)
     steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]
@@ -137,8 +137,8 @@ def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
     assert "2 failed, 4 passed" in out
 
 
-def test_doctor_gives_a_verdict(folder: Path) -> None:
-    """It waits 5 s for drivers to answer."""
+def test_the_doctor_command_prints_a_verdict(folder: Path) -> None:
+    """The doctor waits 5 s for drivers to answer."""
     out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
     assert "verdict" in out
 
@@ -151,12 +151,12 @@ def test_doctor_gives_a_verdict(folder: Path) -> None:
     "line",
     [command("liftgate-hil --bus socketcan:can0"), command("liftgate-hil --bus socketcan:can0 --rate 2000")],
 )
-def test_the_gate_on_a_bus_says_how_it_went(folder: Path, bus: dict[str, str], line: str) -> None:
+def test_the_gate_on_a_bus_prints_a_summary(folder: Path, bus: dict[str, str], line: str) -> None:
     assert run(line, folder, bus, SHORT).startswith("ticks ")
 
 
 @pytest.mark.realtime
-def test_recordings_are_written(folder: Path, bus: dict[str, str]) -> None:
+def test_a_run_on_a_bus_writes_its_recordings(folder: Path, bus: dict[str, str]) -> None:
     run(command("liftgate-hil --bus socketcan:can0 --vehicle compact"), folder, bus, SHORT)
     with can.LogReader(folder / "run.blf") as frames:
         stamps = [frame.timestamp for frame in frames]
@@ -166,7 +166,7 @@ def test_recordings_are_written(folder: Path, bus: dict[str, str]) -> None:
 
 
 @pytest.mark.realtime
-def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
+def test_gate_ecu_and_logger_communicate_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
     log = folder / "run.log"
     logger = start(command("python -m can.logger"), folder, bus, " ")
     gate = start(command("liftgate-hil --bus udp_multicast"), folder, bus, "--overrun-limit 60")
@@ -186,7 +186,7 @@ def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, s
 
 
 @pytest.mark.realtime
-def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> None:
+def test_recordings_are_replayed_onto_a_bus(folder: Path, bus: dict[str, str]) -> None:
     """Two replays in real time, and the recordings for them."""
     run("liftgate-hil --bus virtual:any --clock free --duration 0.5 --record run.blf", folder)
     told = run(command("liftgate-hil replay run.blf"), folder, bus)
@@ -202,7 +202,7 @@ def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> 
 
 
 @pytest.mark.realtime
-def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -> None:
+def test_a_run_is_recorded_with_a_trigger(folder: Path, bus: dict[str, str]) -> None:
     told = run(command("liftgate-hil --bus socketcan:can0 --record trapped.mf4"), folder, bus, SHORT)
     assert "recorded only around the trigger, which never came" in told
     assert (folder / "trapped.mf4").is_file()
@@ -213,7 +213,7 @@ def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -
 
 @pytest.mark.realtime
 @pytest.mark.skipif(shutil.which("curl") is None, reason="no curl")
-def test_scripts_command_a_run_by_its_page(
+def test_curl_scripts_control_a_run_through_its_page(
     folder: Path, bus: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two programs with their web servers, and four calls of curl, in real time."""
@@ -244,7 +244,7 @@ def test_scripts_command_a_run_by_its_page(
 
 @pytest.mark.realtime
 @pytest.mark.usefixtures("demo")
-def test_a_recording_has_a_page(folder: Path) -> None:
+def test_a_page_shows_a_recording(folder: Path) -> None:
     with served(command("liftgate-hil dashboard --recording"), folder) as (address, _):
         assert address.startswith("http://127.0.0.1:")
 
@@ -267,7 +267,7 @@ def test_scenarios_are_started_from_the_page(folder: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("protection", ["simple", "e2e"])
-def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], protection: str) -> None:
+def test_a_rig_for_the_users_database_runs(folder: Path, bus: dict[str, str], protection: str) -> None:
     page = readme.blocks(readme.ROOT / "docs" / "own-dbc.md")
     rig = next(block.text for block in page if block.file == "tailgate.toml")
     if protection == "e2e":
@@ -282,7 +282,7 @@ def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], prote
 
 
 @pytest.mark.realtime
-def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+def test_the_manuals_commands_for_a_serial_line_run(folder: Path, ports: dict[str, str]) -> None:
     """Three runs in real time, each a process that begins with its imports, and the ECU's process of the demo."""
     run(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, SHORT)
     demo = command("liftgate-hil demo --serial")
@@ -301,7 +301,7 @@ def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
 
 @needs_compiler
 @pytest.mark.realtime
-def test_the_ecu_in_c_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+def test_the_manuals_ecu_in_c_runs_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
     run(command("make -C tools/ecu"), folder)
     gate = start(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, "--overrun-limit 60")
     ecu = start(command("tools/ecu/build/ecu-serial"), folder, ports, str(readme.PATIENCE))

@@ -63,7 +63,7 @@ def pack() -> dict[str, Case]:
     return {path.stem: case for path, case in zip(files, suite.cases_of(files, job), strict=True)}
 
 
-def test_the_reference_ecu_passes_all_of_it() -> None:
+def test_the_reference_ecu_passes_every_scenario_of_the_pack() -> None:
     """Every scenario of the pack once."""
     assert len(pack()) >= 25
     done = {name: suite.run_case(case) for name, case in pack().items()}
@@ -71,7 +71,7 @@ def test_the_reference_ecu_passes_all_of_it() -> None:
     assert not [note for each in done.values() for note in each.notes if "too short" in note]
 
 
-def test_each_has_its_reason_a_description_and_a_requirement() -> None:
+def test_each_scenario_of_the_pack_has_description_requirement_and_reason() -> None:
     folder = shipped_folder("scenarios", "pack")
     assert folder is not None
     for path in folder.glob("*.toml"):
@@ -82,8 +82,8 @@ def test_each_has_its_reason_a_description_and_a_requirement() -> None:
         assert scenario.requirement, path
 
 
-def test_a_fault_that_waits_for_the_gate_lasts_as_long_on_a_late_one(tmp_path: Path) -> None:
-    """It ends after a time of its own or as the gate goes on, not at a time of the run."""
+def test_faults_waiting_for_the_gate_last_as_long_if_the_gate_is_late(tmp_path: Path) -> None:
+    """Such a fault ends after its own duration or by a condition on the gate, not at a time of the run."""
     for name, case in pack().items():
         for fault in case.plan.setup.scenario.faults:
             if fault.start.condition:
@@ -97,8 +97,8 @@ def test_a_fault_that_waits_for_the_gate_lasts_as_long_on_a_late_one(tmp_path: P
         assert lh.run(tmp_path / "late.toml").notes == ()
 
 
-def test_an_ecu_that_only_stops_never_turns_back() -> None:
-    """A rod pushes it back, which moves the gate, too."""
+def test_an_ecu_that_stops_without_reversing_fails_the_reversal_expectations() -> None:
+    """A rod also moves the gate, by pushing it back."""
     turning = {
         name: case
         for name, case in pack().items()
@@ -117,12 +117,12 @@ def mutated(case: Case, mutant: str) -> Case:
     return replace(case, plan=case.plan.varied(replace(case.job, mutant=mutant)))
 
 
-def test_every_mutant_has_its_killer() -> None:
+def test_every_mutant_is_killed_by_a_scenario() -> None:
     assert set(KILLERS) == set(MUTANTS)
 
 
 @pytest.mark.parametrize("mutant", list(MUTANTS))
-def test_a_scenario_finds_the_defect(mutant: str) -> None:
+def test_a_scenario_kills_its_mutant(mutant: str) -> None:
     case = pack()[KILLERS[mutant]]
     found = suite.run_case(mutated(case, mutant))
     assert found.verdict == "fail", [each.verdict for each in found.expectations]

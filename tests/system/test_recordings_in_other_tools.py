@@ -1,4 +1,4 @@
-"""Recordings of a run in what others read them with: every frame, with its direction, and every signal."""
+"""Recordings read by other tools: every frame with its direction, and every signal."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Frame = tuple[float, int, bool, bytes]  # time, identifier, whether the gate sen
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with the recordings of one run."""
+    """Folder with the recordings of one run."""
     folder = tmp_path_factory.mktemp("recordings")
     (folder / "s.toml").write_text(SCENARIO)
     lh.run(folder / "s.toml", record=[folder / f"run.{each}" for each in SUFFIXES])
@@ -50,7 +50,7 @@ def table(run: Path) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def frames(run: Path) -> list[Frame]:
-    """Of candump's text, by hand."""
+    """Frames of candump's text, parsed independently."""
     result = []
     for line in (run / "run.log").read_text().splitlines():
         stamp, _, frame, way = line.split()
@@ -73,7 +73,7 @@ def test_python_can_reads_every_frame(run: Path, frames: list[Frame], suffix: st
 
 
 def messages(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
-    """By topic, what the MCAP library reads."""
+    """Messages by topic, read by the MCAP library."""
     from mcap.reader import make_reader
 
     found = defaultdict(list)
@@ -86,7 +86,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
     return found
 
 
-def test_mcap_s_reader_reads_every_frame(run: Path, frames: list[Frame]) -> None:
+def test_the_mcap_library_reads_every_frame(run: Path, frames: list[Frame]) -> None:
     found = [
         (time / 1e9, each["id"], each["direction"] == "Tx", bytes.fromhex(each["data"]))
         for time, each in messages(run / "run.mcap")["/can"]
@@ -94,7 +94,7 @@ def test_mcap_s_reader_reads_every_frame(run: Path, frames: list[Frame]) -> None
     assert found == frames
 
 
-def test_mcap_s_reader_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> None:
+def test_the_mcap_library_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> None:
     told = messages(run / "run.mcap")
     seen = set()
     for topic, prefix in (("/truth", ""), ("/sensed", "sensed_"), ("/bench", "")):
@@ -121,7 +121,7 @@ def test_asammdf_reads_every_signal(run: Path, table: dict[str, np.ndarray]) -> 
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_asammdf_s_bus_logging_has_every_frame_and_its_direction(run: Path, frames: list[Frame]) -> None:
+def test_asammdf_reads_every_frame_and_its_direction(run: Path, frames: list[Frame]) -> None:
     from asammdf import MDF
 
     with MDF(run / "run.mf4") as measured:
@@ -141,8 +141,8 @@ def test_asammdf_s_bus_logging_has_every_frame_and_its_direction(run: Path, fram
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_asammdf_decodes_what_was_on_the_bus(run: Path, frames: list[Frame]) -> None:
-    """Its `extract_bus_logging` with our database gives of each signal all values, at the frames' times."""
+def test_asammdf_decodes_the_frames_with_the_database(run: Path, frames: list[Frame]) -> None:
+    """Its `extract_bus_logging` with the shipped database gives each signal's values at the frames' times."""
     from asammdf import MDF
 
     database = cantools.database.load_file(DBC)

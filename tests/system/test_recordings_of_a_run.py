@@ -1,4 +1,4 @@
-"""A run in real time that is ended by a signal: every recording is whole and tells the same."""
+"""A real-time run ended by a signal: every recording is complete and holds the same."""
 
 from __future__ import annotations
 

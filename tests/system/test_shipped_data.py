@@ -1,4 +1,4 @@
-"""Shipped data of campaigns: they have the columns that campaigns of this version write."""
+"""Shipped data of campaigns have the columns written by campaigns of this version."""
 
 from __future__ import annotations
 

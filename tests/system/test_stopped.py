@@ -1,4 +1,4 @@
-"""Stopped by Ctrl-C or SIGTERM: in order, also where the ECU does not answer or the signal comes twice."""
+"""Stop by Ctrl-C or SIGTERM without errors, even if the ECU hangs or the signal comes twice."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def process(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def stopped_when_it_hangs(folder: Path, number: int, *arguments: str) -> tuple[int, str]:
-    """Exit code, and what it said."""
+    """Exit code and error output of a run stopped while its ECU hangs."""
     with process(folder, *arguments) as child:
         assert child.stderr is not None
         assert any(line == "it hangs\n" for line in child.stderr), "it did not come so far"
@@ -80,7 +80,7 @@ ECU = ["ecu", "--bus", "virtual:{bus}"]
     ],
     ids=["demo", "demo-imports", "lockstep", "realtime", "ecu", "ecu-imports"],
 )
-def test_a_python_ecu_that_hangs_is_given_up(tmp_path: Path, arguments: list[str], how: str, number: int) -> None:
+def test_a_run_with_a_hung_ecu_can_be_stopped(tmp_path: Path, arguments: list[str], how: str, number: int) -> None:
     (tmp_path / "theirs.py").write_text(f"HOW = {how!r}\n" + HANGS)
     given = [each.format(bus=uuid.uuid4()) for each in arguments]
     code, error = stopped_when_it_hangs(tmp_path, number, *given, "--ecu", "theirs:Ecu")
@@ -92,7 +92,7 @@ def test_a_python_ecu_that_hangs_is_given_up(tmp_path: Path, arguments: list[str
 
 @needs_compiler
 @pytest.mark.parametrize(("command", "number"), [("demo", signal.SIGINT), ("ecu", signal.SIGTERM)])
-def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: int) -> None:
+def test_a_run_with_a_hung_ecu_library_can_be_stopped(tmp_path: Path, command: str, number: int) -> None:
     step = 'if (now_ns > 20000000) { (void)!write(2, "it hangs\\n", 9); for (;;) pause(); }'
     library = str(build(tmp_path, source_of(step=step)))
     flags = ["--bus", f"virtual:{uuid.uuid4()}"] if command == "ecu" else ["--no-record"]
@@ -103,7 +103,7 @@ def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: 
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
+def test_a_repeated_stop_signal_has_no_further_effect(tmp_path: Path, number: int) -> None:
     table = tmp_path / "run.csv"
     for _ in range(5):
         table.unlink(missing_ok=True)
@@ -125,7 +125,7 @@ def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_one_that_comes_again_while_python_ends_changes_nothing(number: int) -> None:
+def test_a_stop_signal_while_python_ends_has_no_effect(number: int) -> None:
     code = (
         "import signal\n"
         "from liftgate_hil.cli.stopping import StopSignals\n"
@@ -144,7 +144,7 @@ def test_one_that_comes_again_while_python_ends_changes_nothing(number: int) -> 
 @pytest.mark.parametrize(
     "command", [["--bus", "virtual:x"], ["identify", "nosuch.csv"], ["doctor"]], ids=lambda each: each[0]
 )
-def test_an_interrupt_while_it_starts_leaves_no_traceback(tmp_path: Path, command: list[str]) -> None:
+def test_an_interrupt_during_start_up_prints_no_traceback(tmp_path: Path, command: list[str]) -> None:
     # What comes before is Python's own start, in which nobody can help it.
     code = (
         "import signal, sys\n"
@@ -173,7 +173,7 @@ def children_of(number: int) -> list[int]:
     return [int(each) for each in text.split()]
 
 
-def test_the_ecus_process_ends_with_one_that_is_killed(tmp_path: Path) -> None:
+def test_the_ecus_process_ends_when_the_emulator_is_killed(tmp_path: Path) -> None:
     bus = f"udp_multicast:239.76.{os.getpid() % 250}.1"
     (tmp_path / "theirs.py").write_text("class Ecu:\n    def step(self, now_s, frames): pass\n")
     with process(tmp_path, "--bus", bus, "--ecu", "theirs:Ecu", "--overrun-limit", "3600") as child:

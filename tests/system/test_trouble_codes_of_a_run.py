@@ -36,7 +36,7 @@ state = "absent"
 
 @pytest.fixture
 def short(tmp_path: Path) -> Callable[..., Path]:
-    """A scenario in which nothing happens, and more."""
+    """Write a scenario in which nothing happens, with text added."""
 
     def made(more: str = "", duration: float = 1.0) -> Path:
         path = text_file(tmp_path / "short.toml", SHORT.format(duration=duration) + more)
@@ -55,7 +55,7 @@ def rig_with(folder: Path, diagnostics: str) -> Path:
 
 
 class Answering:
-    """An ECU that says nothing but what it is given for each request."""
+    """An ECU that sends only its given response to each request."""
 
     period_s = 0.001
 
@@ -88,8 +88,8 @@ def test_the_shipped_scenarios_pass_in_every_loop_and_from_recordings(tmp_path: 
     assert lh.judge(files, name) == free.expectations
 
 
-def test_a_verdict_is_that_of_the_answers_in_the_window(short: Callable[..., Path]) -> None:
-    """Present for 0.2 s, as the ECU says itself."""
+def test_a_trouble_code_is_judged_by_the_responses_in_its_window(short: Callable[..., Path]) -> None:
+    """The code is present for 0.2 s, as reported by the ECU itself."""
     none, one = "59027f", "59027fda018709"
 
     class Changing(Answering):
@@ -139,7 +139,7 @@ def test_a_verdict_is_that_of_the_answers_in_the_window(short: Callable[..., Pat
     ],
     ids=["silent", "silent when read", "pending", "reading refused", "clearing refused"],
 )  # fmt: skip
-def test_without_an_answer_nothing_can_be_said(
+def test_without_a_response_trouble_codes_are_inconclusive(
     short: Callable[..., Path], answers: dict[str, str], said: str, requests: list[str]
 ) -> None:
     ecu = Answering(answers)
@@ -150,7 +150,7 @@ def test_without_an_answer_nothing_can_be_said(
     assert [request for _, request in ecu.requests] == requests
 
 
-def test_an_ecu_that_falls_silent_is_not_free_of_codes(short: Callable[..., Path]) -> None:
+def test_an_ecu_that_falls_silent_does_not_pass_as_free_of_codes(short: Callable[..., Path]) -> None:
     class Dying(Answering):
         def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
             return super().step(now_s, frames) if now_s < 0.35 else []
@@ -166,8 +166,8 @@ def test_an_ecu_that_falls_silent_is_not_free_of_codes(short: Callable[..., Path
     assert found["present"].verdict == "fail"
 
 
-def test_a_rig_may_speak_otherwise(short: Callable[..., Path], tmp_path: Path) -> None:
-    """29-bit identifiers, no padding, no clearing, another mask and another period."""
+def test_requests_follow_the_rigs_diagnostics_section(short: Callable[..., Path], tmp_path: Path) -> None:
+    """29-bit identifiers, no padding, no clearing, another status mask and another period."""
     rig = rig_with(
         tmp_path,
         '[diagnostics]\nrequest = 0x18DA40F1\nresponse = 0x18DAF140\npadding = "none"\nclear = false\n'
@@ -187,7 +187,7 @@ def test_a_rig_may_speak_otherwise(short: Callable[..., Path], tmp_path: Path) -
     assert spoken.count("18DA40F1#03190250") == 20
 
 
-def test_the_tester_waits_for_the_scenarios_time(short: Callable[..., Path], tmp_path: Path) -> None:
+def test_the_diagnostic_tester_starts_at_the_scenarios_time_0(short: Callable[..., Path], tmp_path: Path) -> None:
     path = short()
     text = 'precondition = ["open"]\n' + path.read_text()
     path.write_text(text)
@@ -198,7 +198,7 @@ def test_the_tester_waits_for_the_scenarios_time(short: Callable[..., Path], tmp
     assert first == "(0000000000.001000) virtual 7A0#0414FFFFFFCCCCCC T"
 
 
-def test_without_such_an_expectation_nobody_asks(short: Callable[..., Path], tmp_path: Path) -> None:
+def test_without_an_expected_trouble_code_no_request_is_sent(short: Callable[..., Path], tmp_path: Path) -> None:
     path = text_file(tmp_path / "none.toml", 'duration = 0.3\n[[expect]]\nname = "x"\nalways = "time_s < 1"\n')
     ecu = Answering({})
     assert lh.run(path, ecu=ecu).verdict == "pass"
@@ -212,13 +212,13 @@ def test_without_such_an_expectation_nobody_asks(short: Callable[..., Path], tmp
         'kind = "bus_off"\nstart = 0.2\nend = 0.5\n',
     ],
 )
-def test_a_disturbed_bus_hinders_only_while_it_is(short: Callable[..., Path], fault: str) -> None:
+def test_a_bus_fault_prevents_reading_codes_only_while_active(short: Callable[..., Path], fault: str) -> None:
     result = lh.run(short(f"[[fault]]\n{fault}"))
     assert result.expectations["absent"].verdict == "pass"
     assert "in " in result.expectations["present"].reason
 
 
-def test_what_is_missing_is_reported(
+def test_missing_diagnostics_and_libraries_are_reported(
     short: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig_with(tmp_path, "")
@@ -231,7 +231,7 @@ def test_what_is_missing_is_reported(
         lh.run(short())
 
 
-def test_reports_show_it_without_a_margin(short: Callable[..., Path], tmp_path: Path) -> None:
+def test_reports_show_trouble_code_verdicts_without_a_margin(short: Callable[..., Path], tmp_path: Path) -> None:
     files = {kind: tmp_path / f"report.{kind}" for kind in ("json", "junit", "html")}
     command = [sys.executable, "-m", "liftgate_hil", "test", str(short())]
     for kind, file in files.items():
@@ -251,7 +251,7 @@ def test_reports_show_it_without_a_margin(short: Callable[..., Path], tmp_path: 
 
 
 @pytest.mark.realtime
-def test_it_is_read_in_real_time(short: Callable[..., Path]) -> None:
+def test_trouble_codes_are_read_in_real_time(short: Callable[..., Path]) -> None:
     result = lh.run(short(), clock="realtime")
     assert result.expectations["present"].verdict in ("fail", "inconclusive")
     if result.expectations["present"].verdict == "fail":

@@ -1,4 +1,4 @@
-"""The study of random vehicles, on a few of them."""
+"""The accuracy study of random vehicles, on a few of them."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tools.accuracy.study import ANGLE_BAR, CURRENT_BAR, Errors, errors_of
 
 
 @pytest.mark.parametrize("number", [1, 16, 29, 35, 60, 76, 112, 150])
-def test_a_random_vehicle_meets_the_bar(number: int) -> None:
-    """Those that once did not, and one more."""
+def test_a_random_vehicle_meets_the_accuracy_limits(number: int) -> None:
+    """Vehicles that once did not, and one more."""
     found = errors_of(number)
     assert found.is_met, found
     assert found.warmth < 0.01
 
 
-def test_a_case_is_the_same_each_time_and_none_is_like_another() -> None:
+def test_cases_of_the_study_are_repeatable_and_all_different() -> None:
     assert case(3) == case(3)
     assert case(3) != case(4)
     assert vehicle_of(case(3).vehicle, "case 3") == vehicle_of(case(3).vehicle, "case 3")
 
 
-def test_all_options_are_among_the_cases() -> None:
-    """All that the study says of itself."""
+def test_the_studys_cases_cover_all_options() -> None:
+    """All options that the study states."""
     cases = [case(number) for number in range(40)]
     phases = [phase for each in cases for phase in each.phases]
     tables = [each.vehicle for each in cases]
@@ -51,7 +51,7 @@ def test_all_options_are_among_the_cases() -> None:
     assert any(each.get("thermal", {}).get("enabled") for each in tables)
 
 
-def test_the_page_counts_what_meets_the_bars_and_tells_what_does_not() -> None:
+def test_the_accuracy_page_counts_cases_within_the_limits_and_lists_the_others() -> None:
     found = [Errors(0, 0.1, 1e-4, 0.0), Errors(1, CURRENT_BAR, 1e-4, 0.0), Errors(2, 0.1, ANGLE_BAR, 0.0)]
     page = page_of([*found, Errors(3, math.nan, math.nan, math.nan, "the reference gave up")])
     assert "**1 of 3**" in page
@@ -60,7 +60,7 @@ def test_the_page_counts_what_meets_the_bars_and_tells_what_does_not() -> None:
     assert "- case 3: the reference gave up" in page
 
 
-def test_all_bridges_are_among_the_points() -> None:
+def test_the_studys_points_cover_all_bridges() -> None:
     points = [point(number) for number in range(60)]
     bridges = [each for one in points for each in one.bridges]
     assert {each.mode for each in bridges} == set(FREEWHEELING)
@@ -72,7 +72,7 @@ def test_all_bridges_are_among_the_points() -> None:
     assert all(0.0 <= each.resistance <= 0.2 for each in points)
 
 
-def test_the_page_counts_the_bridges_that_meet_the_bar() -> None:
+def test_the_accuracy_page_counts_the_bridges_within_the_limits() -> None:
     page = bridges_of([Apart(0, 1e-4, 1e-4, 1e-4, 1e-3), Apart(7, 1e-4, BAR, 1e-4, 1e-3)])
     assert "**1 of 2**" in page
     assert "Point 7 does not" in page

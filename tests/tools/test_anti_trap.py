@@ -1,4 +1,4 @@
-"""The study of the reference ECU's anti-trap, short."""
+"""The study of the reference ECU's anti-trap protection, shortened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tools.anti_trap.trials import Car, Trial, run
 GAPS = (0.3, 4.0, 30.0, 65.0)  # deg
 
 
-def test_a_gate_that_is_learned_turns_back_before_the_limit_and_not_for_nothing() -> None:
+def test_with_a_learned_gate_the_ecu_reverses_before_the_limit_and_without_false_alarms() -> None:
     done = run(Car("suv"), Trial(free=2, gaps=GAPS), Calibration())
     assert done.false == done.missed == 0
     assert 10.0 < max(done.peaks) < LIMIT
@@ -22,7 +22,7 @@ def test_a_gate_that_is_learned_turns_back_before_the_limit_and_not_for_nothing(
     assert max(done.speeds) > 0.2
 
 
-def test_narrow_limits_break_off_for_nothing_and_wide_ones_press_harder() -> None:
+def test_narrow_limits_give_false_reversals_and_wide_ones_larger_forces() -> None:
     own, car = Calibration(), Car("suv")
     narrow = run(car, Trial(free=3), widened(own, 0.2))
     assert narrow.false > 0
@@ -30,12 +30,12 @@ def test_narrow_limits_break_off_for_nothing_and_wide_ones_press_harder() -> Non
     assert wide > usual + 10.0
 
 
-def test_a_drawn_car_is_the_same_each_time() -> None:
+def test_a_random_car_is_repeatable() -> None:
     assert drawn("compact", 5) == drawn("compact", 5)
     assert drawn("compact", 5) != drawn("compact", 6)
 
 
-def test_the_speed_for_the_limit_lies_between_what_was_measured() -> None:
+def test_the_closing_speed_at_the_force_limit_is_interpolated() -> None:
     points = [(0.2, 150.0), (0.1, 50.0), (math.nan, math.nan)]
     assert speed_for(points) == pytest.approx(0.15)
     assert speed_for([(0.1, 50.0), (0.2, 90.0)]) == 0.2

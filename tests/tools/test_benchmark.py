@@ -1,4 +1,4 @@
-"""The benchmark's own checks, on a short run: an episode and its replay end in the same state."""
+"""The benchmark on a short run: each section, and an episode and its replay end in the same state."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ def test_the_whole_benchmark_runs_to_its_end(tmp_path: Path) -> None:
     assert (tmp_path / "benchmark.png").stat().st_size > 10_000
 
 
-def test_what_is_shortened_is_so_everywhere() -> None:
-    """A length that is added has its short one."""
+def test_the_short_benchmark_shortens_every_length() -> None:
+    """Each length of the benchmark needs a short one."""
     same = [name for name in WHOLE._fields if getattr(WHOLE, name) == getattr(SHORT, name)]
     assert same == []
     assert len(lateness.CONDITIONS) > (SHORT.conditions or 0)
     assert len(BUILDS) > (SHORT.builds or 0)
 
 
-def test_what_goes_wrong_in_the_loop_s_thread_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_in_the_benchmarks_loop_thread_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     from tools.benchmark import costs
 
     def broken(*_: object) -> int:
@@ -75,7 +75,7 @@ def test_what_goes_wrong_in_the_loop_s_thread_is_reported(monkeypatch: pytest.Mo
         costs.hot_tick(None, SHORT)
 
 
-def test_starts_without_a_cold_round_are_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_up_times_without_a_cold_round_are_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "times_of", lambda *_, **__: processes.Times(1.0, 2.0))
     (found,) = processes.compile_times(["--help"], [HERE], SHORT).values()
     assert found == processes.Compile(None, processes.Times(1.0, 2.0))
@@ -83,10 +83,10 @@ def test_starts_without_a_cold_round_are_reported_as_such(monkeypatch: pytest.Mo
     assert found.cold == found.warm
 
 
-def test_a_frame_that_is_lost_leaves_the_other_runs(
+def test_a_lost_frame_invalidates_only_its_own_run(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a bus in a network loses some: the first of two rounds is told and left out."""
+    """A bus in a network may lose some: the first of two rounds is reported and left out."""
     arrivals = [np.zeros(1)]
 
     def played(command: list[str], *_: object) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
@@ -112,25 +112,25 @@ def test_an_episode_and_its_replay_end_in_the_same_state(case: episodes.Case) ->
     assert figures.plant > 0.0
 
 
-def test_every_part_is_a_vehicle_that_can_be_had() -> None:
+def test_every_benchmarked_part_of_the_plant_is_a_valid_vehicle() -> None:
     for settings in parts.PARTS.values():
         assert parts.case_of(parts.vehicle_from("suv", settings, ideal=True))
 
 
-def test_scenarios_with_what_does_nothing_run_and_are_compared() -> None:
+def test_scenarios_with_inactive_stimuli_run_and_are_compared() -> None:
     found = inactive.measure(rounds=1, ticks=300)
     assert list(found) == list(inactive.CASES)
     assert all(each.tick > 0.0 for each in found.values())
     assert found[inactive.PLAIN].ratio == found[inactive.PLAIN].least_ratio == 1.0
 
 
-def test_lateness_is_reported_against_the_earliest_frame() -> None:
+def test_lateness_is_reported_relative_to_the_earliest_frame() -> None:
     due = np.array([5.0, 6.0, 7.0])
     arrivals = np.array([100.001, 101.0, 102.0005])
     assert np.round(replays.lateness(arrivals, due)).tolist() == [1000.0, 0.0, 500.0]
 
 
-def test_frames_of_a_log_have_no_period_and_keep_a_bus_busy(tmp_path: Path) -> None:
+def test_benchmark_frames_of_a_log_are_aperiodic_and_load_the_bus(tmp_path: Path) -> None:
     times = replays.write_log(tmp_path / "x.log", "can0", 2.0)
     gaps = np.diff(times)
     assert gaps.min() >= 249e-6

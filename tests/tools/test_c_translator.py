@@ -1,4 +1,4 @@
-"""The plant's C translation equals the plant bit for bit, and its translator refuses what it cannot."""
+"""The plant translated to C equals the plant bit for bit; other constructs are refused."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ STEPS, PLAIN_STEPS = 2500, 40
 
 @functools.cache
 def built(how: Build) -> ctypes.CDLL:
-    """The library of a build, made once."""
+    """Library of a build, made once."""
     return build(how)
 
 
@@ -58,7 +58,7 @@ FAIR = [
 
 
 def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
-    """Drives and surroundings, one after the other, that lead a gate through all that it can meet."""
+    """Inputs of drives and surroundings that lead a gate through all regimes of the plant."""
     rod = Obstacle(math.radians(25.0), 0.8, 20e3, 100.0, 0.01, 1.0)
     free = {"latch_released": 1.0}
     return [
@@ -106,7 +106,7 @@ def test_the_translation_equals_the_plant_bit_for_bit(
 
 
 @pytest.mark.parametrize("how", FAIR)
-def test_every_fair_build_equals_the_plant_where_both_are_timed(how: Build) -> None:
+def test_every_compared_c_build_equals_the_plant_at_the_timed_points(how: Build) -> None:
     """Each build takes gcc some seconds."""
     library = built(how)
     for point in points().values():
@@ -115,7 +115,7 @@ def test_every_fair_build_equals_the_plant_where_both_are_timed(how: Build) -> N
 
 
 @needs_gcc
-def test_the_comparison_has_a_ratio_for_every_point_and_build(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_c_comparison_has_a_ratio_for_every_point_and_build(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tools.c_translator.build.build", built)
     figures = compare(rounds=1, builds=BUILDS[:2])
     assert figures.keys() == points().keys()
@@ -124,7 +124,7 @@ def test_the_comparison_has_a_ratio_for_every_point_and_build(monkeypatch: pytes
         assert all(each.ratio(build.name) > 0.01 for build in BUILDS[:2])
 
 
-def test_the_source_reads_as_c() -> None:
+def test_the_translated_source_is_readable_c() -> None:
     text = source()
     assert "static double gate_lever(const Linkage *link, double angle)\n{" in text
     assert "    const double s = link->body_radius;" in text
@@ -180,7 +180,7 @@ def calls_everything(plant: Pair, state: Pair, inputs: Pair, step: float) -> Pai
 
 @needs_gcc
 @pytest.mark.parametrize("x", [-1.0, 0.3, 1.0, 7.5])
-def test_the_subset_means_in_c_what_it_means_in_python(
+def test_every_construct_of_the_subset_gives_the_same_result_in_c_and_python(
     x: float, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     start, more = Pair(x, 1.0 / 3.0), Pair(0.1, 0.7)
@@ -238,7 +238,7 @@ def calls(x: float) -> float:
         ("(x: float) -> float", "return x + math.inf", "a constant of type float: inf"),
     ],
 )
-def test_what_is_not_in_the_subset_is_refused_with_its_place(
+def test_constructs_outside_the_subset_are_refused_with_file_and_line(
     tmp_path: Path, signature: str, body: str, reason: str
 ) -> None:
     path, scope = tmp_path / "theirs.py", {"__name__": "theirs", "Pair": Pair, "swapped": swapped, "math": math}
@@ -248,7 +248,7 @@ def test_what_is_not_in_the_subset_is_refused_with_its_place(
         translate(scope["refused"])
 
 
-def test_the_place_is_the_line_also_where_it_is_called() -> None:
+def test_a_refused_construct_in_a_called_function_is_reported_at_its_own_line() -> None:
     line = power.__code__.co_firstlineno + 1
     for function in (power, calls):
         with pytest.raises(NotInSubsetError, match=rf"test_c_translator.py:{line}: .*BinOp `x \*\* 2`"):

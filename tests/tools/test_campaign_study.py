@@ -1,4 +1,4 @@
-"""The study of campaigns: a short run to its end, and what its functions promise."""
+"""The study of campaigns: a short run, and the properties of its functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def tables_of(text: str) -> dict[str, list[list[str]]]:
-    """The rows of each table, by the first cell of its head."""
+    """Rows of each table, by the first cell of its header."""
     found: dict[str, list[list[str]]] = {}
     for lines in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
         rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines.splitlines()]
@@ -34,7 +34,7 @@ def tables_of(text: str) -> dict[str, list[list[str]]]:
     return found
 
 
-def test_a_short_run_writes_all_tables(page: str) -> None:
+def test_a_short_study_writes_all_tables(page: str) -> None:
     """An estimate of a probability takes 1,000 runs at least."""
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == [
         "Three planted weaknesses",
@@ -53,7 +53,7 @@ def test_a_short_run_writes_all_tables(page: str) -> None:
         assert row[-1] == "0", "each variant has a margin"
 
 
-def test_the_page_can_be_read(page: str) -> None:
+def test_the_study_page_has_no_long_lines_nan_or_temporary_paths(page: str) -> None:
     assert max(map(len, page.splitlines())) <= 115
     assert "/tmp" not in page
     assert "nan" not in page
@@ -61,7 +61,7 @@ def test_the_page_can_be_read(page: str) -> None:
 
 
 @pytest.mark.parametrize("name", POCKETS)
-def test_a_pocket_has_its_volume(name: str) -> None:
+def test_a_pocket_of_failures_has_its_specified_volume(name: str) -> None:
     kind = POCKETS[name]
     points = np.random.default_rng(1).random((40_000, len(kind.levels)))
     shares = [np.mean(pocket(name, seed)(points) < 0.0) for seed in range(5)]
@@ -70,7 +70,7 @@ def test_a_pocket_has_its_volume(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
-def test_an_algorithm_asks_for_its_budget_and_is_repeatable(name: str) -> None:
+def test_a_search_algorithm_uses_its_budget_and_is_repeatable(name: str) -> None:
     test = TESTS["mixed 5"]
     asked: list[int] = []
 
@@ -84,7 +84,7 @@ def test_an_algorithm_asks_for_its_budget_and_is_repeatable(name: str) -> None:
     assert sum(asked) == 2 * 90
 
 
-def test_the_first_failure_is_counted_within_its_batch() -> None:
+def test_the_first_failure_is_counted_by_its_position_in_the_batch() -> None:
     def steps():
         margins = yield np.zeros((4, 1))
         assert len(margins) == 4
@@ -95,7 +95,7 @@ def test_the_first_failure_is_counted_within_its_batch() -> None:
 
 
 @pytest.mark.parametrize("name", ["linear, 2", "two, 3:1, 2", "curved away, 2", "curved about, 2"])
-def test_a_known_probability_is_known(name: str) -> None:
+def test_the_known_failure_probability_agrees_with_a_grid_integral(name: str) -> None:
     """By a grid over the plane."""
     z = np.linspace(-7.0, 7.0, 2001)
     x, y = np.meshgrid(z, z)
@@ -104,7 +104,7 @@ def test_a_known_probability_is_known(name: str) -> None:
     assert float(density[failed].sum()) == pytest.approx(P, rel=0.02)
 
 
-def test_a_summary_counts_intervals_that_cover() -> None:
+def test_a_summary_counts_the_intervals_that_cover_the_truth() -> None:
     def found(probability: float, low: float, high: float) -> SubsetEstimate:
         return SubsetEstimate(probability, low, high, 0.1, 5000, 0, False, "importance sampling", ())
 
@@ -115,14 +115,14 @@ def test_a_summary_counts_intervals_that_cover() -> None:
     assert told["fewer"] == pytest.approx((1.0 - P) / P / 0.05 / 5000.0)
 
 
-def test_a_table_tells_where_another_one_is_better() -> None:
+def test_a_search_table_names_the_tests_where_another_algorithm_is_better() -> None:
     found = {"a": {"search": [10, 0], "cma": [20, 30], "random": [0, 0]}}
     assert "| a | 1, 255 | 2, 25 | 0, 500 | 1 / 1 |" in search_table("pocket", found, 500)
     assert worse(found, 500) == "a (cma)"
 
 
-def test_an_interval_is_that_of_clopper_and_pearson() -> None:
-    """Of 0 in n it ends at 1 - 0.025^(1/n)."""
+def test_a_confidence_interval_is_that_of_clopper_and_pearson() -> None:
+    """For 0 of n the interval ends at 1 - 0.025^(1/n)."""
     assert interval(0, 100) == (0.0, pytest.approx(1.0 - 0.025**0.01))
     low, high = interval(10, 1000)
     assert (low, high) == (pytest.approx(0.0048, abs=1e-4), pytest.approx(0.0183, abs=1e-4))

@@ -1,4 +1,4 @@
-"""The pages that the program writes are the committed ones, and say what the loaders do."""
+"""Generated pages equal the committed ones, and describe what the loaders accept."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from tools.docs import DOCS, PAGES
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_committed_page_is_what_is_written_now(name: str) -> None:
+def test_a_committed_page_equals_the_generated_one(name: str) -> None:
     assert (DOCS / name).read_text(encoding="utf-8") == PAGES[name](), "run `make docs`"
 
 
-def test_every_link_of_the_pages_leads_somewhere() -> None:
+def test_every_link_of_the_pages_resolves() -> None:
     parts = [part for name in PAGES for part in (DOCS / name).read_text(encoding="utf-8").split("](")[1:]]
     assert parts
     for part in parts:
@@ -37,7 +37,7 @@ def test_every_link_of_the_pages_leads_somewhere() -> None:
 
 
 def lines(record: type, *names: str) -> str:
-    """A table's keys, all or some, with the defaults that a page tells."""
+    """Keys of a table, all or some, with the defaults stated on a page."""
     told = {key.name: key.default_text for key in fields_of(record) if key.name in names or not names}
     number = {key: value for key, value in told.items() if value.isdigit()}
     word = {key: told[key] for key in ("meets", "interpolation", "checksum_kind") if key in told}
@@ -62,7 +62,7 @@ def lines(record: type, *names: str) -> str:
         ),
     ],
 )
-def test_the_defaults_of_a_table_are_those_documented(
+def test_the_defaults_of_a_table_are_as_documented(
     tmp_path: Path, record: type, table: str, names: tuple[str, ...]
 ) -> None:
     path, told, found = tmp_path / "scenario.toml", lines(record), []
@@ -75,7 +75,7 @@ def test_the_defaults_of_a_table_are_those_documented(
     assert found[0] == found[1]
 
 
-def test_the_files_that_a_scenario_names_by_default_are_those_documented() -> None:
+def test_the_default_files_of_a_scenario_are_as_documented() -> None:
     words = {key.name: key.default_text for key in fields_of(scenario_schema.ScenarioTable)}
     assert setup_of(None).vehicle_name == words["vehicle"]
     assert Path(rig_of(None).source).stem == words["rig"]
@@ -84,7 +84,7 @@ def test_the_files_that_a_scenario_names_by_default_are_those_documented() -> No
 
 
 def rows_in(page: str, heading: str) -> list[list[str]]:
-    """The cells of all tables between a heading and the next one."""
+    """Cells of all tables between a heading and the next one."""
     text = (DOCS / page).read_text(encoding="utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     return [[cell.strip() for cell in line[1:-1].split(" | ")] for line in lines]
@@ -101,10 +101,10 @@ def rows_in(page: str, heading: str) -> list[list[str]]:
         ("`[[expect]]`", scenario_schema.ExpectTable),
     ],
 )
-def test_every_key_that_a_scenario_may_have_is_on_its_page(
+def test_exactly_the_keys_of_a_scenario_are_on_its_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, heading: str, record: type
 ) -> None:
-    """And no other: the checker is asked, which says what a table may have."""
+    """Compared with the keys that the checker allows in each table."""
     monkeypatch.setattr("liftgate_hil.errors._FEW", 100)  # so that the message has all of them
     path, name = tmp_path / "scenario.toml", heading.strip("`")
     before = {"The file": "", "[[fault]]": f"{name}\nkind = 'motor_open'"}.get(name, name)
@@ -118,7 +118,7 @@ def test_every_key_that_a_scenario_may_have_is_on_its_page(
     assert shown == ["key", "---", *(f"`{each}`" for each in known)]
 
 
-def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_whose_it_is() -> None:
+def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_its_component() -> None:
     rows = {row[0]: row for row in rows_in("scenario.md", "`[[fault]]`")}
     for kind in FAULT_KINDS.values():
         _, keys, place, _ = rows[f"`{kind.name}`"]
@@ -126,7 +126,7 @@ def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_whose_it_is() -> N
         assert place == f"of {kind.of}", kind.name
 
 
-def test_what_the_page_says_may_stand_in_a_condition_may() -> None:
+def test_conditions_as_described_on_the_page_are_accepted() -> None:
     names = [row[0] for row in rows_in("scenario.md", "`[[expect]]`") if row[1].startswith("a column")]
     assert names == ["`gate_angle_deg`"]
     for text in (
@@ -137,7 +137,7 @@ def test_what_the_page_says_may_stand_in_a_condition_may() -> None:
         assert parsed(text, {"idle": 1.0}).text == text
 
 
-def test_the_defaults_of_a_message_are_those_documented(tmp_path: Path) -> None:
+def test_the_defaults_of_a_message_are_as_documented(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     head = (
         'dbc = "liftgate.dbc"\n[inputs]\nleft_duty = "DriveCommand.LeftDuty"\n'
@@ -156,7 +156,7 @@ def test_the_defaults_of_a_message_are_those_documented(tmp_path: Path) -> None:
 
 
 def _options(path: Path) -> object:
-    """Of its messages, whether or not the rig is whole."""
+    """Options of a rig's messages, whether or not the rig is complete."""
     messages = load_rig(DOCS.parent / "configs/rigs/liftgate.toml").messages
     issues = ConfigIssues(str(path))
     found = message_options(issues, read_toml(path)["messages"], messages)
@@ -164,7 +164,7 @@ def _options(path: Path) -> object:
     return found
 
 
-def test_the_example_of_a_checksum_is_one_of_a_rig() -> None:
+def test_the_example_of_a_checksum_is_valid_in_a_rig() -> None:
     text = (DOCS / "rig.md").read_text(encoding="utf-8")
     example = text.partition("`checksum = {…}` of a message")[2].partition("    [messages")[2]
     content = tomllib.loads("[messages" + example.partition("\n\n`covers`")[0])

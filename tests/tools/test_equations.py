@@ -1,4 +1,4 @@
-"""The index of equations is whole, and what it says of tests is so."""
+"""The index of equations is complete, and the tests it names detect changes of them."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ ROWS = {row.number: row for row in TABLE}
 ONE = ROWS["4.11"]
 
 
-def test_every_equation_stands_in_the_table_once_and_in_order() -> None:
+def test_every_equation_is_in_the_table_once_and_in_order() -> None:
     assert tuple(row.number for row in TABLE) == NUMBERS
     assert len(NUMBERS) == 44 + 13
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.number)
-def test_place_text_and_test_of_an_equation_are_there(row: Row) -> None:
+def test_the_code_text_and_test_named_for_an_equation_exist(row: Row) -> None:
     assert problems(row) == []
     assert row.mutant != row.text
 
 
-def test_no_two_equations_are_changed_alike() -> None:
+def test_every_equation_has_its_own_mutation() -> None:
     changes = {(source_of(row), row.text, row.mutant) for row in TABLE}
     assert len(changes) == len(TABLE)
 
@@ -46,11 +46,11 @@ def test_no_two_equations_are_changed_alike() -> None:
         ({"test": "plant/test_none.py::test_nothing"}, "no test"),
     ],
 )
-def test_what_is_missing_is_reported(changes: dict[str, str], said: str) -> None:
+def test_missing_code_text_or_tests_of_an_equation_are_reported(changes: dict[str, str], said: str) -> None:
     assert said in "; ".join(problems(ROWS["3.23"]._replace(**changes)))
 
 
-def test_ranges_are_written_out() -> None:
+def test_ranges_of_equation_numbers_are_expanded() -> None:
     assert numbers("(3.5–3.11, 4.12)") == {
         "3.5", "3.6", "3.7", "3.8", "3.9", "3.10", "3.11", "4.12",
     }  # fmt: skip
@@ -62,7 +62,7 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.glob("*.py")}
 
 
-def test_a_changed_equation_fails_its_test_and_an_unchanged_one_does_not() -> None:
+def test_a_mutated_equation_fails_its_test_and_the_original_passes() -> None:
     """Three runs of a test in plain Python, each a process of its own."""
     before = bytes_of(ROOT / "plant/liftgate_plant")
     with copied() as folder:
@@ -75,7 +75,7 @@ def test_a_changed_equation_fails_its_test_and_an_unchanged_one_does_not() -> No
     assert bytes_of(ROOT / "plant/liftgate_plant") == before
 
 
-def test_the_index_is_printed() -> None:
+def test_the_index_of_equations_is_printed() -> None:
     command = [sys.executable, "-m", "tools.equations"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0

@@ -1,4 +1,4 @@
-"""Every tool, shortened, to its end: what nobody runs rots."""
+"""Every tool runs, shortened, to its end."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ ELSEWHERE = {
 
 
 def programs() -> set[str]:
-    """All that can be started, by the names of their modules."""
+    """Names of the modules of all tools that can be started."""
     found = set()
     for path in (ROOT / "tools").rglob("*.py"):
         if '__name__ == "__main__"' in path.read_text(encoding="utf-8"):
@@ -70,13 +70,13 @@ def programs() -> set[str]:
     return {name.removesuffix(".__main__") for name in found}
 
 
-def test_each_tool_is_run_somewhere() -> None:
-    """A new one gets its line in RUNS, or a test of its own and a line in ELSEWHERE."""
+def test_each_tool_is_run_by_some_test() -> None:
+    """A new tool gets its line in RUNS, or a test of its own and a line in ELSEWHERE."""
     assert programs() == RUNS.keys() | ELSEWHERE.keys()
     assert not RUNS.keys() & ELSEWHERE.keys()
 
 
-def test_each_target_of_the_makefile_starts_what_is_run_here() -> None:
+def test_each_makefile_target_starts_a_tool_tested_here() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     used = set(re.findall(r"-m (tools\.[\w.]+)", text))
     assert used
@@ -101,10 +101,10 @@ def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
         assert (tmp_path / each).stat().st_size > 500, each
 
 
-def test_the_reference_pages_and_the_picture_of_the_demo_are_written(
+def test_make_docs_writes_the_reference_pages_and_the_demo_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two pages: test_docs.py makes each."""
+    """Two pages only: test_docs.py generates each page."""
     monkeypatch.setattr(docs, "PAGES", {name: PAGES[name] for name in ("scenario.md", "signals.md")})
     monkeypatch.setattr(sys, "argv", ["tools.docs", "--output", str(tmp_path)])
     assert docs.main() == 0
@@ -113,7 +113,7 @@ def test_the_reference_pages_and_the_picture_of_the_demo_are_written(
 
 
 def test_the_study_of_scheduling_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of small campaigns; the scheduler, the workers and what is measured are processes, which takes over 5 s."""
+    """Small campaigns; scheduler, workers and measured programs are processes, which takes over 5 s."""
     monkeypatch.setattr(scheduling_page, "VARIANTS", (10**3, 10**4))
     monkeypatch.setattr(scheduling_page, "WORKERS", (2, 100))
     monkeypatch.setattr(scheduling_page, "LARGEST", Case(10**4, 100))
@@ -146,7 +146,7 @@ GAIN, TIME, DEAD, DELAY = (0.4457, 0.0375, 0.222, 0.0084)  # as docs/identificat
 
 
 def motor_run(path: Path, volts: np.ndarray) -> None:
-    """The columns of the public data, of a motor of known truth: each 20 ms a voltage, and the whole counts."""
+    """Columns as in the public data, of a motor with known truth: a voltage and the integer counts each 20 ms."""
     fine, period, counts = 2e-4, 0.02, 2800
     times = np.arange(len(volts) * round(period / fine)) * fine
     held = volts[np.clip(((times - DELAY) / period).astype(int), 0, None)] * (times >= DELAY)
@@ -164,7 +164,7 @@ def motor_run(path: Path, volts: np.ndarray) -> None:
 
 @pytest.fixture
 def motor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in place of the public one: a sequence of two levels, and steps."""
+    """A folder in place of the public data: a two-level sequence, and steps."""
     folder = tmp_path / "data"
     folder.mkdir()
     chance = np.random.default_rng(1)
@@ -216,8 +216,8 @@ def test_the_study_of_identification_runs_to_its_end(
     assert (tmp_path / "identification.png").read_bytes() == drawn
 
 
-def test_the_studies_run_to_their_ends() -> None:
-    """The first case of each, of two seeds: what they look for is looked for by `make study`."""
+def test_the_shortened_studies_run_to_their_ends() -> None:
+    """The first case of each, with two seeds; `make study` judges the results."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/study"]
     done = subprocess.run(
         command, cwd=ROOT, env={**os.environ, "STUDY": "short"}, capture_output=True, text=True,
@@ -243,8 +243,8 @@ def test_the_pack_in_real_time_runs_to_its_end(
     assert "Beside two busy processes: " in told
 
 
-def test_the_pack_s_page_is_made_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of one scenario and two of the mutants."""
+def test_the_tool_for_the_packs_page_runs_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one scenario and two of the mutants."""
     files = scenario_files.scenario_files(["pack"])
     chosen = [each for each in files if each.stem == "motor_short"]
     few = dict(list(mutation.MUTANTS.items())[:2])

@@ -1,4 +1,4 @@
-"""A short campaign of mangled files and signals finds nothing; what it would find it knows."""
+"""A short campaign of corrupted files and signals finds no fault; its checks detect faults."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_signals_at_any_moment_end_every_command_in_order(tmp_path: Path) -> Non
         (Outcome(137, "", "", 60.0, True), "it took too long"),
     ],
 )
-def test_what_breaks_the_contract_is_known(tmp_path: Path, outcome: Outcome, fault: str) -> None:
+def test_violations_of_the_command_contract_are_detected(tmp_path: Path, outcome: Outcome, fault: str) -> None:
     faults = faults_of_file(Case("x-1", [], ""), tmp_path, outcome)
     assert fault in faults if fault else not faults
 
@@ -73,7 +73,7 @@ def test_what_breaks_the_contract_is_known(tmp_path: Path, outcome: Outcome, fau
         (b"a,b\n1,nan\n", "a row that is not finite"),
     ],
 )
-def test_a_recording_that_is_not_whole_is_known(tmp_path: Path, content: bytes, fault: str | None) -> None:
+def test_an_incomplete_recording_is_detected(tmp_path: Path, content: bytes, fault: str | None) -> None:
     (tmp_path / "out.csv").write_bytes(content)
     assert whole_outputs(tmp_path, ["out.csv"]) == ([f"out.csv: {fault}"] if fault else [])
     assert whole_outputs(tmp_path, ["out.log"]) == ["out.log: not written"]

@@ -1,4 +1,4 @@
-"""The generator of measurements, the three runs of the thesis on it, and the comparison's other side."""
+"""The generator of measurements, the thesis's three runs on it, and the compared implementation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_generated_measurement_looks_as_its_sensors_make_it():
+def test_a_generated_measurement_has_the_noise_and_resolution_of_its_sensors():
     columns = measure(true_vehicle(), 12.0, 0.0, 2.0, 1)
     for name in ("left_speed_rps", "left_hall_count"):
         assert np.all(columns[name] == np.round(columns[name]))
@@ -36,14 +36,14 @@ def test_a_generated_measurement_looks_as_its_sensors_make_it():
     assert len(still) > 100
 
 
-def test_the_files_are_read_as_measurements(folder: Path):
+def test_the_generated_files_are_read_as_measurements(folder: Path):
     for name, sign in (("opening", 1.0), ("closing", -1.0)):
         measurement = read_measurement(folder / f"{name}.csv", {}, lambda: pytest.fail("no bus"))
         assert measurement.columns["left_voltage_v"].mean() * sign > 8.0
         assert not measurement.through_sensors
 
 
-def test_the_first_run_finds_sharp_values_and_no_inductance(folder: Path):
+def test_the_first_thesis_run_finds_sharp_values_but_no_inductance(folder: Path):
     result = thesis.run(folder, "thesis-1", **thesis.CUT)
     told = {each.name: each for each in result.parameters}
     assert [told[name].identifiable for name in thesis.TABLE_4_1] == [True, False, True, True]
@@ -54,7 +54,7 @@ def test_the_first_run_finds_sharp_values_and_no_inductance(folder: Path):
     assert result.fit_percent["left_current_a"] > 95.0
 
 
-def test_the_full_plant_finds_the_truth_within_three_standard_deviations(folder: Path):
+def test_an_identification_with_the_full_plant_is_within_three_standard_deviations(folder: Path):
     result = thesis.run(folder, "thesis-1", model="full")
     sharp = [each for each in result.parameters if each.identifiable]
     for each in sharp:
@@ -63,14 +63,14 @@ def test_the_full_plant_finds_the_truth_within_three_standard_deviations(folder:
 
 
 @pytest.mark.parametrize("preset", ["thesis-2", "thesis-3"])
-def test_the_other_runs_follow_the_measurement(folder: Path, preset: str):
+def test_the_other_thesis_runs_fit_the_measurement(folder: Path, preset: str):
     result = thesis.run(folder, preset, **thesis.CUT)
     assert result.fit_percent["left_position_rev"] > 99.0
     assert result.identifiable["motor.resistance"]
 
 
 @pytest.mark.parametrize("ripple", [0.0, 0.05])
-def test_both_sides_of_the_comparison_solve_the_same_equations(tmp_path: Path, ripple: float):
+def test_both_compared_implementations_solve_the_same_equations(tmp_path: Path, ripple: float):
     columns = versus.make_data(tmp_path / "data.csv", ripple)
     short = {name: column[: 2500 if ripple == 0.0 else 300] for name, column in columns.items()}
     vehicle = true_vehicle()
@@ -95,14 +95,14 @@ def test_coverage_scores_errors_by_their_standard_deviations():
     assert len(coverage.table([(case, found)])) == 2 + len(case.estimate) + 1
 
 
-def test_other_data_than_the_published_are_refused(tmp_path: Path):
+def test_data_other_than_the_published_are_refused(tmp_path: Path):
     source = tmp_path / "DCmotor_step_open_exp.csv"
     source.write_text("t,u,y\n0,1,2\n")
     with pytest.raises(SystemExit, match="another version"):
         dc_motor.convert(source, tmp_path / "out.csv")
 
 
-def test_an_encoders_speed_is_read_as_the_counts_that_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_encoder_speed_is_converted_back_to_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     source = tmp_path / "DCmotor_step_open_exp.csv"
     speed = 63 / 2800 / 0.02 * 360.0  # 63 counts in 20 ms
     source.write_text(f"t,u,y\n0,1,{speed:.4f}\n0.02,1.5,{speed:.4f}\n")

@@ -1,4 +1,4 @@
-"""The page of JSON results has exactly the keys that the commands write."""
+"""The page of JSON results documents exactly the keys that the commands write."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def printed(capsys: pytest.CaptureFixture[str]) -> Any:
     return run
 
 
-def test_no_key_stands_twice_and_each_has_a_meaning() -> None:
+def test_each_json_key_is_documented_once_with_a_meaning() -> None:
     for each in DOCUMENTS:
         assert not {f"{at}.{key}" for at, shared in each.shared.items() for key in shared.keys} & {*each.keys}
         assert all(each.keys.values())
@@ -82,14 +82,14 @@ def test_counts_and_verdicts_have_the_keys_of_their_records() -> None:
     assert received == [*Counts._fields]
 
 
-def test_the_keys_of_a_run(printed: Any) -> None:
+def test_the_json_keys_of_a_run_are_as_documented(printed: Any) -> None:
     demo = printed("demo", "--clock", "free", "--no-record", "--json")
     run = printed("run", "--clock", "free", "--bus", "virtual:keys", "--duration", "0.1", "--json")
     assert_documented(RUN, demo)
     assert {*demo} - {"pinch"} == {*run}
 
 
-def test_the_keys_of_verdicts(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_json_keys_of_verdicts_are_as_documented(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     first = next(iter(mutation.MUTANTS.values()))
     for module in (mutation, sections):
         monkeypatch.setattr(module, "MUTANTS", {first.name: first})
@@ -113,7 +113,7 @@ def test_the_keys_of_verdicts(printed: Any, monkeypatch: pytest.MonkeyPatch) -> 
     assert {*judged["scenarios"][0]} == {*tested["scenarios"][0]}
 
 
-def test_the_keys_of_a_comparison(printed: Any) -> None:
+def test_the_json_keys_of_a_comparison_are_as_documented(printed: Any) -> None:
     for seed, name in enumerate(("a", "b")):
         lh.run(Path("s.toml"), seed=seed, record=[Path(f"{name}.log"), Path(f"{name}.csv")])
     tables = printed("compare", "a.csv", "b.csv", "--json", code=1)
@@ -121,12 +121,12 @@ def test_the_keys_of_a_comparison(printed: Any) -> None:
     assert_documented(COMPARE, tables, logs)
 
 
-def test_the_keys_of_a_replay(printed: Any) -> None:
+def test_the_json_keys_of_a_replay_are_as_documented(printed: Any) -> None:
     Path("their.log").write_text("(0.000000) can0 100#00\n(0.001000) can0 100#01\n")
     assert_documented(REPLAY, printed("replay", "their.log", "--bus", "virtual:replayed", "--json"))
 
 
-def test_the_keys_of_an_identification_its_plan_and_a_validation(printed: Any) -> None:
+def test_the_json_keys_of_identify_plan_and_validate_are_as_documented(printed: Any) -> None:
     rows = "".join(f"{k / 500},{12.0 if 0.2 < k / 500 < 2 else 0.0}\n" for k in range(1251))
     Path("in.csv").write_text(f"time_s,voltage_v\n{rows}")
     assert main(["simulate", "--input", "in.csv", "--output", "out.csv"]) == 0
@@ -138,11 +138,11 @@ def test_the_keys_of_an_identification_its_plan_and_a_validation(printed: Any) -
     assert_documented(PLAN, printed("identify", *plan, "--json"))
 
 
-def test_the_keys_of_a_rig(printed: Any) -> None:
+def test_the_json_keys_of_a_rig_are_as_documented(printed: Any) -> None:
     assert_documented(RIG, printed("rig", "check", "liftgate", "--json"))
 
 
-def test_the_keys_of_the_doctor(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_json_keys_of_the_doctor_are_as_documented(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """With made-up figures, which need no measurement."""
     late = timing.Wakeups(NOTHING._replace(count=1, p99_us=50.0, p999_us=60.0), 0, 1000, 0, 1.0)
 
@@ -156,7 +156,7 @@ def test_the_keys_of_the_doctor(printed: Any, monkeypatch: pytest.MonkeyPatch) -
     assert_documented(DOCTOR, printed("doctor", "--json"))
 
 
-def test_the_keys_of_a_campaign() -> None:
+def test_the_json_keys_of_a_campaign_are_as_documented() -> None:
     line = ["campaign", "s.toml", "--jobs", "1", "--quiet", "--set-parameter"]
     parts = {
         "design": ["angle=74", "--vary", "seed=1,2", "--against", "mutant:stop_ignored"],

@@ -1,4 +1,4 @@
-"""The suite's switch for other last bits: what it changes, what it leaves, and a part of the suite with it."""
+"""The suite's switch that changes last bits: its effect, its exceptions, and a part of the suite with it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CANARIES = "tests/tools/last_bits_canary.py"
 # A few seconds of what stands nearest to a change of regime, to a solver's tolerance, to a bound.
 SOME = (
     "tests/reference/test_event_solution.py::test_the_latch_catches_a_gate_at_home_and_lets_go_when_released",
-    "tests/reference/test_event_solution.py::test_coast_current_reaches_exactly_zero",
+    "tests/reference/test_event_solution.py::test_a_coasting_current_reaches_exactly_zero",
     "tests/reference/test_pendulum.py",
     "tests/plant/test_options.py",
     "tests/hil/identification/test_descent.py",
@@ -30,7 +30,7 @@ SOME = (
 
 
 def suite(seed: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """pytest as a process of its own, with the switch at a seed."""
+    """Run pytest as a process with the switch set to a seed."""
     environment = {**os.environ, last_bits.VARIABLE: seed}
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments],
@@ -48,17 +48,17 @@ def active(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def moved(before: float, after: float) -> bool:
-    """Whether a number is a little off: not by nothing, and by no more than is said."""
+    """Whether a number has changed by more than nothing and by no more than the stated amount."""
     return 0.0 < abs(after / before - 1.0) < 1.01 * last_bits.OFF
 
 
-def test_a_part_of_the_suite_passes_with_other_last_bits() -> None:
+def test_a_part_of_the_suite_passes_with_changed_last_bits() -> None:
     """The part takes most of the time; `make last-bits SEED=2` takes other bits."""
     done = suite("1", *SOME)
     assert done.returncode == 0, done.stdout
 
 
-def test_a_test_that_hangs_on_the_last_bits_fails_with_the_switch_only() -> None:
+def test_a_test_that_depends_on_the_last_bits_fails_with_the_switch_only() -> None:
     count = (ROOT / CANARIES).read_text().count("\ndef test_")
     done = suite("", CANARIES)
     assert f"{count} passed" in done.stdout, done.stdout
@@ -66,7 +66,7 @@ def test_a_test_that_hangs_on_the_last_bits_fails_with_the_switch_only() -> None
     assert re.search(rf"^{count} failed in", done.stdout, re.MULTILINE), done.stdout
 
 
-def test_only_a_seed_turns_it_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_seed_turns_the_switch_on(monkeypatch: pytest.MonkeyPatch) -> None:
     for text, seed in (("", 0), ("7", 7)):
         monkeypatch.setenv(last_bits.VARIABLE, text)
         assert last_bits.seed() == seed
@@ -77,7 +77,7 @@ def test_only_a_seed_turns_it_on(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("active")
-def test_ends_switches_and_counts_stay_and_alike_drives_stay_alike() -> None:
+def test_end_times_switches_and_counts_keep_their_values_and_equal_drives_stay_equal() -> None:
     vehicle: Vehicle = vehicle_from("suv", ["motor.efficiency=1", "thermal.enabled=1"])
     other = last_bits.off(vehicle.left, "drive")
     assert moved(vehicle.left.motor.resistance, other.motor.resistance)
@@ -88,7 +88,7 @@ def test_ends_switches_and_counts_stay_and_alike_drives_stay_alike() -> None:
 
 
 @pytest.mark.usefixtures("active")
-def test_all_kinds_of_values_are_a_little_off() -> None:
+def test_last_bits_of_all_kinds_of_values_are_changed() -> None:
     left, right, rod = DriveInput("open", 0.6), DriveInput("voltage", -6.0), Obstacle(0.5, 0.9, 2e4)
     phase = Phase(2.5, left, right, obstacle=rod, changes={"motor": {"resistance": 0.9}})
     other = last_bits.off(phase, "phase")
@@ -104,13 +104,13 @@ def test_all_kinds_of_values_are_a_little_off() -> None:
     assert last_bits.off([2.0, (3.0, "x", 4)], "list")[1][1:] == ("x", 4)
 
 
-def test_without_the_switch_a_value_is_the_same_one() -> None:
+def test_without_the_switch_values_are_unchanged() -> None:
     assert not last_bits.is_active
     value = {"a": 0.3}
     assert last_bits.off(value) is value
 
 
-def test_only_tests_of_plant_reference_and_identification_are_parts() -> None:
+def test_only_tests_of_plant_reference_and_identification_run_with_the_switch() -> None:
     tests = ROOT / "tests"
     assert last_bits.is_part(tests / "reference" / "test_statics.py")
     assert last_bits.is_part(tests / "hil" / "identification" / "test_search.py")

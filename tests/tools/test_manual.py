@@ -1,4 +1,4 @@
-"""The manual is built without a warning, holds every page, is also a man page, and names what is there."""
+"""The manual builds without a warning, has every page, is also a man page, and has an index."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DOCS = ROOT / "docs"
 
 
 def sphinx(kind: str, source: Path, folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    """Build as `make manual` does."""
+    """Run a build as `make manual` does."""
     flags = ("-W", "--keep-going", *flags, "-q", "-b", kind, "-d", str(folder / "trees"))
     command = [sys.executable, "-m", "sphinx", *flags, str(source), str(folder / kind)]
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
@@ -29,7 +29,7 @@ def sphinx(kind: str, source: Path, folder: Path, *flags: str) -> subprocess.Com
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folders of both builds of the checkout's pages, which are read once."""
+    """Folders of both builds of the checkout's pages, which are read only once."""
     folder = tmp_path_factory.mktemp("manual")
     for kind, flags in {"html": ("-E",), "man": ()}.items():
         result = sphinx(kind, DOCS, folder, *flags)
@@ -37,7 +37,7 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_every_page_is_in_the_manual_and_no_link_leads_nowhere(manual: Path) -> None:
+def test_every_page_is_in_the_manual_and_every_link_resolves(manual: Path) -> None:
     """All pages are read and written, which takes more than 5 s."""
     contents = (manual / "html" / "index.html").read_text(encoding="utf-8")
     for page in DOCS.glob("*.md"):
@@ -46,8 +46,8 @@ def test_every_page_is_in_the_manual_and_no_link_leads_nowhere(manual: Path) -> 
         assert "https://fonts." not in path.read_text(encoding="utf-8"), "the manual is read without a network"
 
 
-def test_flags_keys_and_columns_are_in_the_index_with_their_place(manual: Path) -> None:
-    """As keys.toml in genindex.html: a term, and below it the places where it is explained."""
+def test_flags_keys_and_columns_are_in_the_index_with_their_pages(manual: Path) -> None:
+    """Such as keys.toml in genindex.html: a term, and below it the pages that explain it."""
     text = re.sub(r"<[^>]+>", "", (manual / "html" / "genindex.html").read_text(encoding="utf-8"))
     for term, place in (
         ("--retry-inconclusive", "test, Command line"),
@@ -67,7 +67,7 @@ def test_the_man_page_has_every_subcommand(manual: Path) -> None:
         assert f".SH {name}".lower() in text.lower()
 
 
-def test_a_link_that_leads_nowhere_is_an_error(tmp_path: Path) -> None:
+def test_a_broken_link_is_an_error_of_the_build(tmp_path: Path) -> None:
     links = ("nowhere.md", "other.md#nothing-of-this-name")
     given = " ".join(f"[elsewhere]({link})" for link in links)
     source = tmp_path / "source"
@@ -99,19 +99,19 @@ def test_every_dependency_has_its_licence_in_the_manual() -> None:
     assert named == needed
 
 
-def test_every_test_of_the_tool_qualification_is_there() -> None:
+def test_every_test_named_in_the_tool_qualification_exists() -> None:
     named = re.findall(r"`(tests/[^`]+)`", text_of("tool-qualification.md"))
     assert len(named) > 20
     assert [each for each in named if not (ROOT / each).is_file()] == []
 
 
-def test_every_kind_of_fault_is_in_a_group() -> None:
+def test_every_kind_of_fault_is_in_a_group_of_the_manual() -> None:
     groups = [line for line in text_of("faults.md").splitlines() if line.startswith("| ")]
     named = [name for line in groups for name in re.findall(r"`(\w+)`", line.split("|")[2])]
     assert sorted(named) == sorted(FAULT_KINDS)
 
 
-def test_suffixes_that_are_listed_by_hand_are_those_of_the_formats() -> None:
+def test_suffixes_listed_in_the_manual_are_those_of_the_formats() -> None:
     pages = [path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")]
     named = [each for text in pages for each in re.findall(r"`((?:\.\w+ )+\.\w+)`", text)]
     assert named
@@ -129,7 +129,7 @@ def test_suffixes_that_are_listed_by_hand_are_those_of_the_formats() -> None:
         assert sorted(re.findall(r"`(\.\w+)`", found[1])) == sorted(suffixes), (page, words)
 
 
-def test_every_message_of_the_troubleshooting_is_one_of_the_program() -> None:
+def test_every_message_in_the_troubleshooting_page_occurs_in_the_program() -> None:
     source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "hil").rglob("*.py"))
     for message in (
         ", motors off", "is on the bus, but not received by this rig", "; expected ", "timed out: motors off",

@@ -1,4 +1,4 @@
-"""Which Pythons the project claims, which it refuses, and how each is tried."""
+"""Supported Python versions, refused ones, and how each is tested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((pythons.ROOT / "pyproject.toml").read_text(encoding="ut
 OWN = ".".join(map(str, sys.version_info[:2]))
 
 
-def test_what_is_claimed_is_what_is_tried() -> None:
+def test_the_supported_pythons_are_the_tested_ones() -> None:
     lowest, end = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
     assert pythons.versions() == [f"3.{minor}" for minor in range(int(lowest), int(end))]
     text = Path(liftgate_hil.__file__).with_name("__main__.py").read_text(encoding="utf-8")
@@ -27,7 +27,7 @@ def test_what_is_claimed_is_what_is_tried() -> None:
 
 
 @pytest.mark.parametrize("version", [(2, 7), (3, 10), (3, 14)])
-def test_an_environment_of_another_python_is_refused(
+def test_an_environment_with_an_unsupported_python_is_refused(
     version: tuple[int, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -40,7 +40,7 @@ def test_an_environment_of_another_python_is_refused(
 
 
 @pytest.mark.parametrize("version", [(3, 10, 13), (3, 14, 0)])
-def test_another_python_is_refused_by_the_program_itself(version: tuple[int, int, int]) -> None:
+def test_the_program_refuses_an_unsupported_python(version: tuple[int, int, int]) -> None:
     text = ".".join(map(str, version))
     code = (
         f"import runpy, sys; sys.version_info = {version}; sys.version = '{text} (main)'; "
@@ -73,7 +73,7 @@ def test_pythons_are_found_on_the_path_and_where_pyenv_keeps_them(
 
 @pytest.fixture
 def tried(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Try Pythons with commands of each (None: it is not here); return the exit code and what is printed."""
+    """Test Pythons with commands of each (None: not installed); return the exit code and the output."""
 
     def run(commands: dict[str, list[str] | None], *flags: str) -> tuple[int, str]:
         monkeypatch.setattr(pythons, "versions", lambda: [*commands])
@@ -86,7 +86,7 @@ def tried(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytes
 
 
 @pytest.mark.parametrize("flags", [["--others", "--short"], []])
-def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(tried: Any, flags: list[str]) -> None:
+def test_failures_with_a_python_and_missing_pythons_are_reported(tried: Any, flags: list[str]) -> None:
     broken = [sys.executable, "-c", "raise SystemExit('it broke')"]
     code, out = tried({OWN: [sys.executable, "-c", "print(1)"], "3.99": None, "3.80": broken}, *flags)
     assert code == 1
@@ -95,7 +95,7 @@ def test_what_fails_with_a_python_is_told_and_what_is_not_here_too(tried: Any, f
     assert (f"Python {OWN}: " in out) == (not flags)
 
 
-def test_what_hangs_or_cannot_be_started_fails_and_the_others_are_tried(
+def test_a_python_that_hangs_or_cannot_start_fails_and_the_others_are_tested(
     tmp_path: Path, tried: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pythons, "_PATIENCE_S", 2.0)
@@ -107,7 +107,7 @@ def test_what_hangs_or_cannot_be_started_fails_and_the_others_are_tried(
     assert "pythons: FAILED with 3.80, 3.81\n" in out
 
 
-def test_without_another_python_the_own_one_is_tried(tried: Any) -> None:
+def test_without_another_python_the_running_one_is_tested(tried: Any) -> None:
     code, out = tried({OWN: ["true"], "3.99": None}, "--others")
     assert code == 0
     assert f"Python {OWN}: " in out

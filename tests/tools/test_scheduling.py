@@ -1,4 +1,4 @@
-"""The simulation of how campaigns are scheduled, against what is known in closed form."""
+"""The simulation of the scheduling of campaigns, against closed forms."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VARIANT = NOTHING.variant_s
 
 
 @pytest.mark.parametrize(("batches", "workers"), [(1, 1), (7, 3), (12, 4), (3, 8)])
-def test_without_noise_the_time_is_that_of_the_rounds(batches: int, workers: int) -> None:
+def test_without_noise_the_simulated_time_is_that_of_the_rounds(batches: int, workers: int) -> None:
     figures = replace(NOTHING, start_s=2.0, summary_row_s=1e-3)
     found = simulate(Case(10 * batches, workers, size=10), figures)
     expected = 2.0 + math.ceil(batches / workers) * 10 * VARIANT + 10 * batches * 1e-3
@@ -35,7 +35,7 @@ def test_without_noise_the_time_is_that_of_the_rounds(batches: int, workers: int
 
 
 @pytest.mark.parametrize(("jobs", "cores"), [(1, 2), (2, 2), (4, 2), (8, 2), (3, 1.5)])
-def test_workers_beyond_the_cores_share_them(jobs: int, cores: float) -> None:
+def test_more_workers_than_cores_share_the_cores(jobs: int, cores: float) -> None:
     found = simulate(Case(240, jobs, cores, size=10), replace(NOTHING, start_s=1.0))
     work = jobs * 1.0 + 240 * VARIANT
     assert found.seconds == pytest.approx(work / min(jobs, cores))
@@ -43,7 +43,7 @@ def test_workers_beyond_the_cores_share_them(jobs: int, cores: float) -> None:
 
 @pytest.mark.parametrize("deaths", [0.0, 20.0, 200.0])
 @pytest.mark.parametrize("is_cluster", [True, False])
-def test_each_variant_counts_once_and_each_second_has_a_cause(deaths: float, is_cluster: bool) -> None:
+def test_each_variant_is_counted_once_and_each_second_is_attributed(deaths: float, is_cluster: bool) -> None:
     figures = replace(Figures(), deaths=deaths, slow_share=0.1)
     case = Case(10_007, 13, 4.0, is_cluster)
     found = simulate(case, figures)
@@ -55,7 +55,7 @@ def test_each_variant_counts_once_and_each_second_has_a_cause(deaths: float, is_
 
 @pytest.mark.parametrize("cost", [0.001, 0.01, 0.05, 0.2, 1.0])
 def test_throughput_saturates_at_the_scheduler_s_rate(cost: float) -> None:
-    """A server with a fixed time for each: its rate is the lesser of what the workers take and 1 / cost."""
+    """A server with a fixed time per variant: its rate is the lesser of the workers' rate and 1 / cost."""
     workers, size, batches = 20, 100, 4000
     figures = replace(NOTHING, scheduler_s=cost)
     found = simulate(Case(size * batches, workers, size=size), figures)
@@ -75,8 +75,8 @@ def test_efficiency_falls_with_the_client_s_cost() -> None:
     assert found[-1].bottleneck == "client"
 
 
-def test_deaths_cost_what_was_at_work_and_a_start() -> None:
-    """Of a batch of work W a death at rate λ is paid with (exp(λW) − 1)/λ − W on average."""
+def test_a_workers_death_costs_its_batch_and_a_new_start() -> None:
+    """For a batch of work W, deaths at rate λ cost (exp(λW) − 1)/λ − W on average."""
     rate, size = 100.0, 1000
     found = simulate(Case(size * 20_000, 10, size=size), replace(NOTHING, deaths=rate, seen_s=0.0))
     per_s, work = rate / 3600.0, size * VARIANT
@@ -84,13 +84,13 @@ def test_deaths_cost_what_was_at_work_and_a_start() -> None:
     assert found.lost["deaths"] / 20_000 == pytest.approx(lost, rel=0.05)
 
 
-def test_a_seed_gives_the_same_and_another_one_another() -> None:
+def test_the_simulation_is_repeatable_and_depends_on_the_seed() -> None:
     figures, case = replace(Figures(), deaths=5.0), Case(20_000, 7)
     assert simulate(case, figures, seed=3) == simulate(case, figures, seed=3)
     assert simulate(case, figures, seed=3) != simulate(case, figures, seed=4)
 
 
-def test_results_brought_together_meanwhile_cost_no_time_where_the_client_has_it() -> None:
+def test_merging_results_during_the_campaign_costs_no_time_if_the_client_is_idle() -> None:
     figures = replace(NOTHING, merge_s=0.01)
     case = Case(100_000, 10, size=100)
     after = simulate(case, figures, replace(CODE, is_merged_meanwhile=False))
@@ -98,7 +98,7 @@ def test_results_brought_together_meanwhile_cost_no_time_where_the_client_has_it
     assert after.seconds - meanwhile.seconds == pytest.approx(1000 * 0.01, rel=0.2)
 
 
-def test_the_rules_are_the_campaign_s() -> None:
+def test_the_simulations_batch_sizes_are_those_of_campaigns() -> None:
     for variants in (1, 1000, 10**6, 10**8):
         for workers in (1, 100, 2000):
             assert CODE.size(variants, workers, VARIANT) == batch_size(variants, workers, VARIANT)
@@ -108,7 +108,7 @@ def test_the_rules_are_the_campaign_s() -> None:
             }  # fmt: skip
 
 
-def test_start_and_variant_follow_from_two_runs() -> None:
+def test_start_and_variant_times_follow_from_two_runs() -> None:
     few, many = (Run(1, n, 10, 0.0, 0.8 + n * 0.012, 2.0) for n in (60, 600))
     assert work_of(few, [many]) == (pytest.approx(0.8), pytest.approx(0.012))
 
@@ -119,7 +119,7 @@ def test_each_figure_has_a_meaning_and_a_source() -> None:
     assert len({meaning for meaning, *_ in rows}) >= len(rows) - 3
 
 
-def test_no_remedy_makes_it_worse() -> None:
+def test_no_remedy_makes_a_campaign_slower() -> None:
     steps = remedy.steps(Case(10**6, 500), Figures())
     times = [each.result.seconds for each in steps]
     assert times[-1] < times[0]

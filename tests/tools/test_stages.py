@@ -1,4 +1,4 @@
-"""Stages of `make test` and of CI: what runs, and what is told of it at the end."""
+"""Stages of `make test` and of CI: which run, and the report at the end."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ def told(bench: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
 
 
 def lines_of(text: str) -> list[str]:
-    """Lines with one blank in place of several."""
+    """Lines with one space in place of several."""
     return [" ".join(each.split()) for each in text.splitlines()]
 
 
-def test_the_end_says_what_ran_and_what_failed(bench: Path, told: Told) -> None:
+def test_the_final_report_lists_the_stages_that_ran_and_failed(bench: Path, told: Told) -> None:
     code, out = told("test")
     assert code == 1
     assert out.startswith("vcan: optional\n======= 4 passed in 1.00s =======\n----- other\n")
@@ -78,7 +78,7 @@ def test_the_end_says_what_ran_and_what_failed(bench: Path, told: Told) -> None:
 
 
 def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where these failed; what is in no lane is not waited for."""
+    """Also where those failed; stages that are in no lane are not waited for."""
     run_stage, order = stages.run_stage, []
 
     def noted(stage: str, *others: Any) -> stages.Outcome:
@@ -93,7 +93,7 @@ def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkey
     assert order.index("bad ends") < order.index("good begins")
 
 
-def test_what_the_user_says_of_a_vcan_holds(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_setting_of_vcan_is_obeyed(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCAN", "required")
     code, out = told("ci")
     assert code == 0
@@ -102,7 +102,7 @@ def test_what_the_user_says_of_a_vcan_holds(told: Told, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("stage", ["hangs", "closes"])
-def test_a_stage_that_hangs_is_ended_and_told(told: Told, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
+def test_a_stage_that_hangs_is_ended_and_reported(told: Told, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
     monkeypatch.setattr(stages, "PLANS", {"test": ((stage,), ("good",)), "ci": ()})
     monkeypatch.setattr(stages, "_PATIENCE_S", 1.0)
     code, out = told("test")
@@ -115,7 +115,7 @@ def test_a_stage_that_hangs_is_ended_and_told(told: Told, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("stage", ["leaves", "chatters"])
-def test_what_a_stage_leaves_behind_is_not_waited_for(
+def test_processes_left_by_a_stage_are_not_waited_for(
     told: Told, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
     monkeypatch.setattr(stages, "PLANS", {"test": ((stage,),), "ci": ()})
@@ -124,7 +124,7 @@ def test_what_a_stage_leaves_behind_is_not_waited_for(
     assert (code, lines_of(out)[-2]) == (0, f"{stage} passed T")
 
 
-def test_a_stage_that_cannot_be_run_is_told_and_not_waited_for(
+def test_a_stage_that_cannot_start_is_reported_and_not_waited_for(
     bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stages, "NEEDS", {"good": ("other",)})
@@ -134,14 +134,14 @@ def test_a_stage_that_cannot_be_run_is_told_and_not_waited_for(
     assert out.count("No such file or directory: 'make'") == 3
 
 
-def test_letters_are_shown_whole(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The stage prints half of a letter, and later the rest."""
+def test_split_characters_of_an_output_are_shown_correctly(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage prints half of the bytes of a character, and later the rest."""
     monkeypatch.setattr(stages, "PLANS", {"test": (("slow",),), "ci": ()})
     assert "gr\u00fc\u00df\n" in told("test")[1]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_stop_ends_all_lanes_and_says_what_has_not_run(
+def test_a_stop_ends_all_lanes_and_lists_the_stages_not_run(
     bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     """The signal comes twice, while two stages run and others wait."""

@@ -1,4 +1,4 @@
-"""The machine with a vcan0: its exit status, and what it says where there is none."""
+"""The machine with a vcan0: its exit status, and its message if there is none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def unavailable(*_: object) -> None:
     raise process.UnavailableError("this is a test")
 
 
-def test_one_line_says_why_there_is_no_machine(
+def test_the_reason_for_a_missing_machine_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(vcan, "native_prefix", unavailable)
@@ -36,7 +36,7 @@ def test_one_line_says_why_there_is_no_machine(
     ]
 
 
-def test_without_apt_the_packages_are_named(
+def test_without_apt_the_required_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(install, "find_program", lambda name: None)
@@ -47,7 +47,7 @@ def test_without_apt_the_packages_are_named(
     assert install.missing_packages(["vcan0"], "auto") == ["can-utils"]
 
 
-def test_without_a_kernel_the_way_to_install_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_kernel_the_installation_command_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uml, "find_program", lambda name: None)
     with pytest.raises(process.UnavailableError, match=r"python -m tools\.vcan --install"):
         uml.find_uml()
@@ -56,7 +56,7 @@ def test_without_a_kernel_the_way_to_install_is_said(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("code", "status"), [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)]
 )
-def test_the_status_is_the_commands(code: str, status: int) -> None:
+def test_the_exit_status_is_that_of_the_command(code: str, status: int) -> None:
     assert native.run_native([], [sys.executable, "-c", code], None) == status
 
 
@@ -71,7 +71,7 @@ def test_a_timeout_ends_the_command_and_its_children(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
-def test_unpacked_programs_are_found_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unpacked_programs_are_last_on_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     root = tmp_path / "liftgate-hil" / "machines"
     for folder in ("usr/bin", "usr/lib/x86_64-linux-gnu"):
@@ -109,7 +109,7 @@ finally:
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="not x86-64")
-def test_a_part_of_the_registers_is_enough_for_a_kernel_that_knows_only_that_part(tmp_path: Path) -> None:
+def test_reading_more_registers_than_the_kernel_knows_succeeds(tmp_path: Path) -> None:
     whole = uml.with_whole_registers(tmp_path)
     command = [sys.executable, "-c", _TRACER]
     environment = {**os.environ, **whole}

@@ -35,13 +35,13 @@ def rig() -> Rig:
 
 @pytest.fixture
 def seen(request: pytest.FixtureRequest) -> tuple[int, ...]:
-    """Identifiers that candump is to see; none: all."""
+    """Identifiers for candump to record; none: all."""
     return getattr(request, "param", ())
 
 
 @pytest.fixture
 def bus(tmp_path: Path, seen: tuple[int, ...]) -> Iterator[Bus]:
-    """vcan0, as candump sees it from now on."""
+    """vcan0, as recorded by candump from now on."""
     link_back()
     log = tmp_path / "candump.log"
     with log.open("w") as stream:

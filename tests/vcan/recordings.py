@@ -1,4 +1,4 @@
-"""What a recording says, tick by tick, of the motors and of the commands that moved them."""
+"""Motors and their commands in a recording, tick by tick."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TIMEOUT = 30  # ticks
 
 
 def telling_commands(rig: Rig) -> list[tuple[int, bytes]]:
-    """Commands of which no two neighbours have the same duty, so that a recording shows each."""
+    """Commands whose duty differs from that of the previous one, so that a recording shows each."""
     return [command_frame(rig, turn, **both(10.0 + 0.5 * (turn % 16), OPEN)) for turn in range(16)]
 
 
@@ -26,7 +26,7 @@ class Row(NamedTuple):
 
 
 class Story(NamedTuple):
-    """Of `telling_commands`."""
+    """Recorded course of a run of `telling_commands`."""
 
     rows: list[Row]
     accepted: list[int]  # ticks before those in which a command was taken in
@@ -51,6 +51,6 @@ def story_of(path: Path) -> Story:
 
 
 def check_coasting(story: Story) -> None:
-    """Never driven longer than the time-out: it coasts with the tick after it at the latest."""
+    """Assert that motors coast at the latest in the tick after the command time-out."""
     late = [(accepted, driven) for accepted, driven in story.stale if driven - accepted > TIMEOUT]
     assert late == []

@@ -1,4 +1,4 @@
-"""Starts the reference ECU anew on vcan0, as a bench would switch its supply: restart.py PIDFILE"""
+"""Restart the reference ECU on vcan0, as a bench would switch its supply: restart.py PIDFILE"""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Somebody sets the wall clock while the emulator runs: nothing happens."""
+"""Steps of the wall clock while the emulator runs have no effect."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEPS = (-6.0, 3600.0)  # s
 
 @pytest.fixture
 def wall_clock() -> Iterator[None]:
-    """One that may be set: a machine's of its own. It is right again afterwards."""
+    """A wall clock that the test may set, of a machine of its own; it is corrected afterwards."""
     if "User Mode Linux" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("the clock here is somebody's")
     offset = time.time() - time.monotonic()
@@ -27,7 +27,7 @@ def wall_clock() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("wall_clock")
-def test_steps_of_the_wall_clock_change_nothing(tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int) -> None:
+def test_steps_of_the_wall_clock_have_no_effect(tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int) -> None:
     record = tmp_path / "run.csv"
     with emulator(bus, "--json", "--record", str(record)) as gate:
         with sending(telling_commands(rig), 100.0) as ecu:

@@ -1,4 +1,4 @@
-"""What can-utils send to the emulator: good commands, one command, and nonsense."""
+"""Frames sent by can-utils to the emulator: commands, a single command, and random frames."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_canplayer_drives_the_gate_open(tmp_path: Path, bus: Bus, rig: Rig) -> N
     assert bus.last(rig, "RightDrive")["HallCount"] > 100
 
 
-def test_one_command_and_then_silence_goes_stale(tmp_path: Path, bus: Bus, rig: Rig) -> None:
+def test_a_single_command_followed_by_silence_goes_stale(tmp_path: Path, bus: Bus, rig: Rig) -> None:
     record = tmp_path / "run.csv"
     with emulator(bus, "--json", "--record", str(record)) as gate:
         run("cansend", "vcan0", *texts_of([command_frame(rig, 0, **both(60.0, OPEN, 1))]))
@@ -65,7 +65,7 @@ GARBAGE = {
 
 
 @pytest.mark.parametrize("arguments", GARBAGE.values(), ids=GARBAGE)
-def test_cangen_is_survived_and_counted(bus: Bus, arguments: tuple[str, ...]) -> None:
+def test_random_frames_of_cangen_are_survived_and_counted(bus: Bus, arguments: tuple[str, ...]) -> None:
     with emulator(bus, "--json") as gate:
         run("cangen", "vcan0", "-g", "1", *arguments)
         bus.settle()
@@ -113,7 +113,7 @@ def test_a_foreign_can_fd_bus_is_driven_by_canplayer(tmp_path: Path, bus: Bus) -
     assert all(frame.is_fd and len(frame.payload) == 24 for frame in frames)
 
 
-def test_a_panel_breaks_something_and_mends_it_by_frames(bus: Bus, rig: Rig) -> None:
+def test_benchinject_frames_inject_and_clear_a_fault(bus: Bus, rig: Rig) -> None:
     def order(on: int, kind: str, place: str, value: float) -> str:
         said = {"FaultOn": on, "FaultKind": kind, "FaultPlace": place, "FaultValue": value}
         data = rig.messages["BenchInject"].encode({"Order": "fault", "FaultFrames": 0, **said})

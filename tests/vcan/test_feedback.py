@@ -1,4 +1,4 @@
-"""What the emulator sends, as candump and its converters see it."""
+"""Frames of the emulator as seen by candump and its converters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TIMING = (0x6E2, 0x6E3)  # BenchTiming and BenchDelay, sent once there are figur
 RUNNING, STOPPED = 1, 3
 
 
-def test_every_message_comes_at_its_cycle(bus: Bus, rig: Rig) -> None:
+def test_every_message_is_sent_in_its_cycle_time(bus: Bus, rig: Rig) -> None:
     with emulator(bus, "--duration", "3", "--json") as gate:
         summary = summary_of(gate, None)
     assert summary["ticks"] == 3001  # and one in which the motors go off
@@ -53,7 +53,7 @@ def test_every_message_comes_at_its_cycle(bus: Bus, rig: Rig) -> None:
     assert not any(summary["link"].values())
 
 
-def test_a_log_turned_into_asc_is_read_whole(tmp_path: Path, bus: Bus) -> None:
+def test_a_log_converted_to_asc_is_read_completely(tmp_path: Path, bus: Bus) -> None:
     with emulator(bus, "--duration", "1", "--json") as gate:
         summary = summary_of(gate, None)
     asc = tmp_path / "run.asc"
@@ -65,7 +65,7 @@ def test_a_log_turned_into_asc_is_read_whole(tmp_path: Path, bus: Bus) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_turns_the_motors_off_and_says_so(tmp_path: Path, bus: Bus, rig: Rig, number: int) -> None:
+def test_a_stop_signal_turns_the_motors_off(tmp_path: Path, bus: Bus, rig: Rig, number: int) -> None:
     commands = [command_frame(rig, turn, **both(60.0, OPEN, 1)) for turn in range(160)]
     played = write_log(tmp_path / "commands.log", texts_of(commands))
     record = tmp_path / "run.csv"

@@ -1,4 +1,4 @@
-"""A bus of 500 kbit/s as full as it gets, beside the commands: none is lost, and what the kernel drops is told."""
+"""A fully loaded bus of 500 kbit/s: no command is lost, and frames dropped by the kernel are reported."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_full_bus_loses_no_command(bus: Bus, rig: Rig, load_seconds: float, ra
 
 
 @pytest.mark.parametrize("seen", [(GATE, BENCH_STATUS)], ids=[""], indirect=True)
-def test_what_the_kernel_drops_while_the_reader_stands_still_is_reported(bus: Bus, rig: Rig) -> None:
+def test_frames_dropped_by_the_kernel_while_the_reader_stands_still_are_reported(bus: Bus, rig: Rig) -> None:
     """The flood is longer than the socket's buffer."""
     flood = [(identifier, b"") for identifier in FOREIGN]
     with emulator(bus, "--json") as gate:

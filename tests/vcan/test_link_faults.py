@@ -1,6 +1,5 @@
-"""The link fails while the emulator runs, ten times each (`--link-cycles`): it is told and counted, the
-motors coast, and the feedback comes back by itself. Times are in ticks, of the recording, where they are judged
-closely.
+"""Link failures while the emulator runs, ten of each kind (`--link-cycles`): they are reported and counted, the
+motors coast, and the feedback recovers. Times judged closely are in ticks of the recording.
 """
 
 from __future__ import annotations
@@ -44,13 +43,13 @@ FOREIGN = 0x5A5
 
 
 class Tool:
-    """`ip` or `tc`, which does what it is told line by line: a process for each would take longer than a fault."""
+    """`ip` or `tc` as one process that reads commands: a process for each would take longer than a fault."""
 
     def __init__(self, name: str) -> None:
         self._child = subprocess.Popen((name, "-batch", "-"), stdin=subprocess.PIPE, text=True)
 
     def do(self, *steps: str) -> None:
-        """Without waiting until it is done."""
+        """Send a command without waiting until it is executed."""
         assert self._child.poll() is None
         print("\n".join(steps), file=self._child.stdin, flush=True)
 
@@ -78,7 +77,7 @@ def raw_socket() -> socket.socket:
 
 
 def feedback_within(seconds: float) -> bool:
-    """Whether a Gate frame is heard, on an interface that may have to come back first."""
+    """Whether a Gate frame arrives in time, on an interface that may have to return first."""
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0.0:
         with contextlib.suppress(OSError), raw_socket() as raw:
@@ -92,8 +91,8 @@ def feedback_within(seconds: float) -> bool:
 
 
 def check_shown(losses: list[int], story: Story) -> None:
-    """Each loss was told soon after the last command before it, but where the machine stood still. A tick that is
-    made up gets a command at its own time, some ticks after a loss that came with it may have been told.
+    """Assert that each loss was reported soon after the last command before it, unless the machine stood still. A
+    tick caught up gets a command at its own time, some ticks after a loss reported with it.
     """
     before = [[tick for tick in story.accepted if tick <= told + AFTER] for told in losses]
     lags = sorted(told - max(ticks, default=-math.inf) for told, ticks in zip(losses, before, strict=True))
@@ -101,7 +100,7 @@ def check_shown(losses: list[int], story: Story) -> None:
 
 
 @pytest.mark.parametrize(("told", "breaks", "mends"), FAULTS.values(), ids=FAULTS)
-def test_a_lost_link_is_reported_the_motors_coast_and_it_returns(
+def test_a_lost_link_is_reported_makes_the_motors_coast_and_recovers(
     tmp_path: Path, ip: Tool, bus: Bus, rig: Rig, link_cycles: int,
     told: str, breaks: list[str], mends: list[str],
 ) -> None:  # fmt: skip
@@ -162,8 +161,8 @@ def test_a_link_that_flaps_is_reported_and_counted_once(
     assert sum(text.endswith("is back") for _, text in news) == link_cycles
 
 
-def test_an_interface_down_for_less_than_a_look_does_no_harm(ip: Tool, bus: Bus, link_cycles: int) -> None:
-    """Not each of these is noticed, so how many are told is not judged."""
+def test_an_interface_down_between_two_checks_does_no_harm(ip: Tool, bus: Bus, link_cycles: int) -> None:
+    """Not every interruption is noticed, so the number of reports is not judged."""
     with emulator(bus, "--json") as gate:
         held = gate.holds()
         for _ in range(link_cycles):
@@ -176,7 +175,7 @@ def test_an_interface_down_for_less_than_a_look_does_no_harm(ip: Tool, bus: Bus,
     assert summary["link"]["bus_offs"] == summary["link"]["dropped"] == 0
 
 
-def test_a_burst_of_flaps_is_survived(ip: Tool, bus: Bus, link_cycles: int) -> None:
+def test_a_burst_of_link_changes_is_survived(ip: Tool, bus: Bus, link_cycles: int) -> None:
     with emulator(bus, "--json") as gate:
         held = gate.holds()
         ip.do(*[DOWN, UP, GONE, THERE, UP] * link_cycles)
@@ -196,7 +195,7 @@ def send(raw: socket.socket, frames: list[tuple[int, bytes]]) -> None:
 
 
 @pytest.mark.parametrize("returns", RETURNS.values(), ids=RETURNS)
-def test_bus_off_is_reported_and_its_end(
+def test_bus_off_and_its_end_are_reported(
     tmp_path: Path, bus: Bus, rig: Rig, link_cycles: int, returns: list[tuple[int, bytes]]
 ) -> None:
     record = tmp_path / "run.csv"
@@ -234,7 +233,7 @@ def test_a_short_bus_off_is_reported_and_counted(bus: Bus, link_cycles: int) -> 
 
 @pytest.fixture
 def pair() -> Iterator[None]:
-    """vcan0 with another end, whose fall takes its carrier."""
+    """vcan0 as one end of a pair; taking the other end down removes its carrier."""
     link_back()
     run("ip", "link", "del", "vcan0")
     kind = ("mtu", "72", "type", "vxcan", "peer", "name", "vcan0peer")
@@ -245,7 +244,7 @@ def pair() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("pair")
-def test_a_lost_carrier_is_reported_as_bus_off_would_be(ip: Tool, bus: Bus, link_cycles: int) -> None:
+def test_a_lost_carrier_is_reported_with_the_remedy_for_bus_off(ip: Tool, bus: Bus, link_cycles: int) -> None:
     hint = "is not running (bus-off?); to restart it automatically: ip link set vcan0 type can restart-ms 100"
     with emulator(bus, "--json") as gate:
         held = gate.holds()
@@ -265,7 +264,7 @@ def test_a_lost_carrier_is_reported_as_bus_off_would_be(ip: Tool, bus: Bus, link
 FULL, FREE = "pfifo limit 0", "pfifo limit 1000"
 
 
-def test_a_full_send_queue_is_counted_and_commands_are_heard(
+def test_a_full_send_queue_is_counted_and_commands_are_still_received(
     tmp_path: Path, tc: Tool, bus: Bus, rig: Rig, link_cycles: int
 ) -> None:
     """The ECU's frames have another queue than the emulator's: of the first band, for their priority."""

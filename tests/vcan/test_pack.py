@@ -1,4 +1,4 @@
-"""Scenarios of the pack with an ECU at the other end of a vcan0: a process of its own, switched on for each."""
+"""Scenarios of the pack with an ECU process on a vcan0, restarted for each scenario."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LATE_ECU, SWITCHED_ON = 0.02, 1.0
 
 @pytest.fixture
 def their(tmp_path: Path, rig: Rig) -> Iterator[Path]:
-    """Our rig, with an ECU that is started anew."""
+    """The shipped rig, with a command that restarts the ECU."""
     pid = tmp_path / "pid"
     text = Path(rig.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{rig.database}"')
     command = json.dumps([sys.executable, "-B", str(RESTART), str(pid)])
@@ -44,7 +44,7 @@ def their(tmp_path: Path, rig: Rig) -> Iterator[Path]:
 
 
 def scenario_of(name: str, folder: Path) -> str:
-    """The path of a scenario of the pack; before the stop button the ECU does not learn, which takes its time."""
+    """Path of a scenario of the pack; that of the stop button without its slow learning runs."""
     path = PACK / f"{name}.toml"
     if name != "stop_button":
         return str(path)
@@ -55,7 +55,7 @@ def scenario_of(name: str, folder: Path) -> str:
 
 
 def judged(names: list[str], rig: Path, folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """The verdicts of scenarios, by their names."""
+    """Verdicts of scenarios by name."""
     report = folder / "verdicts.json"
     done = subprocess.run(
         [
@@ -75,15 +75,15 @@ def judged(names: list[str], rig: Path, folder: Path) -> dict[str, list[dict[str
 
 
 def was_late(bus: Bus) -> bool:
-    """Whether the ECU, of which nobody on one CPU is sure that it runs, left out a command that was due."""
+    """Whether the ECU left out a command that was due, as it may not get the only CPU in time."""
     gaps = np.diff([frame.time for frame in bus.frames(COMMAND)])
     return bool(((gaps > LATE_ECU) & (gaps < SWITCHED_ON)).any())
 
 
 @pytest.mark.parametrize("seen", [(GATE, BUTTON, COMMAND)], ids=[""], indirect=True)
-def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(bus: Bus, their: Path, tmp_path: Path) -> None:
-    """A machine of one CPU is late now and then, and so is the ECU on it: what fails there is no word on either.
-    Where bench and ECU were in time, all is as on the free clock. It takes as long as the gate moves, a minute.
+def test_verdicts_equal_those_of_the_free_clock_or_say_why_not(bus: Bus, their: Path, tmp_path: Path) -> None:
+    """A machine with one CPU is late now and then, as is its ECU: failures then say nothing of either. Where bench
+    and ECU were on time, verdicts equal those of the free clock. It takes as long as the gate moves, a minute.
     """
     found = judged(NAMES, their, tmp_path)
     assert sorted(found) == sorted(NAMES)

@@ -1,4 +1,4 @@
-"""`liftgate-hil replay` on a real vcan0: what candump hears, and an interface that goes down and comes back."""
+"""`liftgate-hil replay` on a real vcan0: frames at candump, and an interface that goes down and up."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def replay(log: Path, *more: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_candump_hears_every_frame_at_its_time(tmp_path: Path, bus: Bus) -> None:
+def test_candump_receives_every_replayed_frame_at_its_time(tmp_path: Path, bus: Bus) -> None:
     texts = [f"{0x100 + k % 9:03X}#{k:04X}" for k in range(200)]
     texts[50], texts[60] = "18F00311#0102", "123#R"
     child = replay(write_log(tmp_path / "frames.log", texts))
@@ -37,7 +37,7 @@ def test_candump_hears_every_frame_at_its_time(tmp_path: Path, bus: Bus) -> None
     assert heard[-1].time - heard[0].time == pytest.approx(1.99, abs=worst)
 
 
-def test_what_is_due_while_the_interface_is_down_is_counted(tmp_path: Path, bus: Bus) -> None:
+def test_replayed_frames_due_while_the_interface_is_down_are_counted(tmp_path: Path, bus: Bus) -> None:
     texts = [f"100#{k:04X}" for k in range(300)]
     child = replay(write_log(tmp_path / "frames.log", texts))
     wait_for(lambda: len(bus.frames()) >= 50, "nothing is played")
@@ -55,7 +55,7 @@ def test_what_is_due_while_the_interface_is_down_is_counted(tmp_path: Path, bus:
     assert "vcan0 is back" in error
 
 
-def test_the_benchmark_of_replays_runs_on_a_vcan0() -> None:
+def test_the_replay_benchmark_runs_on_vcan0() -> None:
     """Shortened; tests/tools/test_benchmark.py runs it on another bus. Each of its replays is a process."""
     command = [sys.executable, "-m", "tools.benchmark.replays", "--bus", "socketcan:vcan0", "--json"]
     done = subprocess.run(

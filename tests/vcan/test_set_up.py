@@ -1,4 +1,4 @@
-"""The commands with which the manual sets a machine up as root, run by root without `sudo`."""
+"""The manual's commands that set up a machine as root, run by root without `sudo`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BUFFER = Path("/proc/sys/net/core/rmem_max")
 
 @pytest.fixture
 def before() -> Iterator[None]:
-    """The machine has a vcan0 and its own limits again."""
+    """Restore the machine's vcan0 and its limits after the test."""
     limit = BUFFER.read_text()
     yield
     BUFFER.write_text(limit)
@@ -24,13 +24,13 @@ def before() -> Iterator[None]:
 
 
 def as_root(command: str) -> None:
-    """Run a command of the manual."""
+    """Run a command of the manual as root."""
     program, _, line = command.partition(" ")
     assert program == "sudo"
     run(*line.split())
 
 
-def test_a_vcan0_is_made_and_the_buffer_raised_as_the_manual_says(before: None) -> None:
+def test_the_manuals_commands_create_vcan0_and_raise_the_receive_buffer(before: None) -> None:
     run("ip", "link", "del", "vcan0")
     as_root(readme.command("sudo ip link add"))
     as_root(readme.command("sudo ip link set"))

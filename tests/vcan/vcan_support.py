@@ -1,4 +1,4 @@
-"""The emulator as a process on vcan0, and what can-utils say of the bus."""
+"""The emulator as a process on vcan0, and frames of the bus seen by can-utils."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Seen(NamedTuple):
 
 
 class Bus:
-    """What candump has written so far."""
+    """candump's log so far."""
 
     def __init__(self, log: Path) -> None:
         self.log = log
@@ -63,7 +63,7 @@ class Bus:
         wait_for(lambda: self.count(identifier) >= before + more, f"no more of {identifier:#x}")
 
     def settle(self) -> None:
-        """What was sent before is in what the emulator says after."""
+        """Wait until earlier frames are in the emulator's messages."""
         self.wait_for_more(BENCH_STATUS, 2)
 
 
@@ -83,7 +83,7 @@ def wait_for(condition: Callable[[], object], what: str, pause: float = 0.05) ->
 
 
 def run(*command: str) -> str:
-    """A foreign program, to its end."""
+    """Run a foreign program until it ends."""
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, f"{command}: {done.stderr}"
     return done.stdout
@@ -100,7 +100,7 @@ def running(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 
 class Emulator(subprocess.Popen[str]):
-    """The program under test; what it tells goes to a file, which can be read while it runs."""
+    """The tested program; its messages go to a file that can be read while it runs."""
 
     def __init__(self, arguments: Sequence[str], told: Path) -> None:
         self._told = told
@@ -112,7 +112,7 @@ class Emulator(subprocess.Popen[str]):
         return self._told.read_text()
 
     def news(self) -> list[tuple[int, str]]:
-        """(tick, text) of each change of the link that it told."""
+        """(tick, text) of each reported change of the link."""
         lines = re.findall(r"^([0-9.]+) s: vcan0 (.*)\n", self.told(), re.MULTILINE)
         return [(round(1000.0 * float(seconds)), text) for seconds, text in lines]
 
@@ -124,18 +124,18 @@ class Emulator(subprocess.Popen[str]):
         )
 
     def holds(self) -> tuple[int, int]:
-        """How many descriptors and threads."""
+        """Number of file descriptors and threads."""
         place = Path("/proc", str(self.pid))
         return len(list((place / "fd").iterdir())), len(list((place / "task").iterdir()))
 
     def wait_until_it_holds(self, held: tuple[int, int]) -> None:
-        """Wait for that many; a look at the link or the machine opens a descriptor for a moment."""
+        """Wait for these numbers; a check of link or machine opens a descriptor for a moment."""
         wait_for(lambda: self.holds() == held, f"holds {self.holds()}, at first {held}")
 
 
 @contextlib.contextmanager
 def emulator(bus: Bus, *more: str, first: int = GATE) -> Iterator[Emulator]:
-    """The program under test, once its first frame is on the bus. A slow machine does not end it."""
+    """Start the tested program and wait for its first frame on the bus, also on a slow machine."""
     child = Emulator(("--overrun-limit", "60", *more), bus.log.with_name("told.txt"))
 
     def begun() -> bool:
@@ -151,7 +151,7 @@ def emulator(bus: Bus, *more: str, first: int = GATE) -> Iterator[Emulator]:
 
 
 def ended(child: Emulator, number: int | None = None) -> str:
-    """What the emulator prints at its end, which is in order; `number` is the signal that ends it."""
+    """Output of the emulator at its end without error; `number` is the signal that ends it."""
     if number is not None:
         child.send_signal(number)
     out, _ = child.communicate(timeout=PATIENCE)
@@ -165,13 +165,13 @@ def summary_of(child: Emulator, number: int | None = signal.SIGTERM) -> dict[str
 
 
 def received(summary: dict[str, Any]) -> int:
-    """All frames that came in, whatever became of them."""
+    """Number of all frames received, valid or not."""
     counts = summary["received"]
     return sum(number for cause, number in counts.items() if cause != "lost")
 
 
 def standstills(cycles: int) -> int:
-    """How often of these a shared machine may have stood still for longer than what is judged.
+    """Number of these repetitions in which a shared machine may have stalled for longer than the judged time.
 
     Four of a hundred were seen. A fault of the emulator shows in each cycle or in each second one.
     """
@@ -179,13 +179,13 @@ def standstills(cycles: int) -> int:
 
 
 def write_log(path: Path, frames: Sequence[str]) -> Path:
-    """A log for canplayer: one frame every command period."""
+    """Write a log for canplayer: one frame every command period."""
     path.write_text("".join(f"({i * COMMAND_PERIOD:.6f}) vcan0 {frame}\n" for i, frame in enumerate(frames)))
     return path
 
 
 def texts_of(frames: Iterable[tuple[int, bytes]]) -> list[str]:
-    """Classic frames with 11-bit identifiers as cansend takes them."""
+    """Classic frames with 11-bit identifiers in the notation of cansend."""
     return [f"{identifier:03X}#{payload.hex()}" for identifier, payload in frames]
 
 
@@ -194,14 +194,14 @@ SENDER = Path(__file__).with_name("sender.py")
 
 @contextlib.contextmanager
 def sending(frames: Sequence[tuple[int, bytes]], rate: float, *more: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that sends these frames over and over."""
+    """Process that sends these frames repeatedly."""
     texts = [f"{identifier:X}#{payload.hex()}" for identifier, payload in frames]
     with running(sys.executable, "-ISB", str(SENDER), f"{rate}", *more, "--", *texts) as child:
         yield child
 
 
 def sent_by(child: subprocess.Popen[str], number: int | None = signal.SIGTERM, seconds: float = 0.0) -> int:
-    """How many frames a sender has sent at its end; `number` is the signal that ends it."""
+    """Number of frames that a sender has sent at its end; `number` is the signal that ends it."""
     if number is not None:
         child.send_signal(number)
     out, error = child.communicate(timeout=PATIENCE + seconds)
@@ -210,7 +210,7 @@ def sent_by(child: subprocess.Popen[str], number: int | None = signal.SIGTERM, s
 
 
 def link_back() -> None:
-    """vcan0 is there and up, whatever was done to it."""
+    """Restore vcan0 and set it up, after any change."""
     if not Path("/sys/class/net/vcan0").exists():
         run("ip", "link", "add", "dev", "vcan0", "mtu", "72", "type", "vcan")
     run("ip", "link", "set", "vcan0", "up")

@@ -42,7 +42,8 @@ def source_of(
 
         how = read_options(request.recording_channel, request.timezone)
         with progress(f"reading {printable(str(request.recording))}"):
-            return RecordingSource(Path(request.recording), request.rig, request.vehicle, how)
+            rig, vehicle = (None if each is None else str(each) for each in (request.rig, request.vehicle))
+            return RecordingSource(Path(request.recording), rig, vehicle, how)
     from liftgate_hil.dashboard.live import Live
     from liftgate_hil.operate.attachment.client import Client
 

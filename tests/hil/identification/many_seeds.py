@@ -1,4 +1,4 @@
-"""Errors in standard deviations over many seeds: the suite looks at a few, `tests/study` at many."""
+"""Estimation errors in standard deviations over many seeds: a few in the suite, many in `tests/study`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COUNTS_PER_REV = 4.0
 
 
 def of_white_noise(model: str, seeds: Iterable[int]) -> np.ndarray:
-    """(seeds, parameters), all of them identifiable."""
+    """Scores (seeds, parameters) of identifications with white noise, all parameters identifiable."""
     vehicle = true_vehicle()
     z = []
     for seed in seeds:
@@ -43,20 +43,20 @@ def of_white_noise(model: str, seeds: Iterable[int]) -> np.ndarray:
 
 
 def counted(data: Data) -> Data:
-    """The position as a Hall counter shows it."""
+    """Return the measurement with its position rounded to counts of a Hall sensor."""
     counts = np.floor(COUNTS_PER_REV * data.outputs["left_position_rev"] + 0.5)
     return with_outputs(data, left_position_rev=counts / COUNTS_PER_REV)
 
 
 def as_any_number(data: Data) -> Data:
-    """The same counts with one that is none, so that each sample is compared as it is."""
+    """Return the measurement with one position that is no count, so that every sample is compared as it is."""
     position = data.outputs["left_position_rev"].copy()
     position[5] += 0.05
     return with_outputs(data, left_position_rev=position)
 
 
 def of_hall_counts(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-    """(seeds, parameters) of a gate that opens and rests; and with each sample taken as it is, rests included."""
+    """Scores (seeds, parameters) of Hall counts compared at edges only, and of counts compared at every sample."""
     names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
     vehicle = true_vehicle()
     times = np.arange(4001) / 1000.0
@@ -73,7 +73,7 @@ def of_hall_counts(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coloured(data: Data, seed: int, share: float) -> Data:
-    """First-order autoregressive noise of the usual size."""
+    """Add first-order autoregressive noise of the usual standard deviation to the outputs."""
     rng = np.random.default_rng(seed)
     outputs = {}
     for name, values in data.outputs.items():
@@ -86,7 +86,7 @@ def coloured(data: Data, seed: int, share: float) -> Data:
 
 
 def of_coloured_noise(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-    """(seeds, parameters) by the standard deviations that are told, and by those of white noise."""
+    """Scores (seeds, parameters) by the robust standard deviations, and by those for white noise."""
     vehicle = true_vehicle()
     names = ["motor.resistance", "motor.speed_constant", "spring.preload"]
     drive = there_and_back(2.0, 500.0)
@@ -111,7 +111,7 @@ SMALL = {name: 0.02 * std for name, std in NOISE.items()}
 
 
 def stamped(std: float, seed: int, noise: dict[str, float] = SMALL, seconds: float = 3.0) -> Data:
-    """A log of 200 Hz; commands, each 10 ms, act 3.5 ms after their stamps, with a normal scatter of `std` s."""
+    """A 200 Hz log; its 10 ms commands act 3.5 ms after their timestamps, with a normal scatter of `std` s."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(0.0, seconds, 0.01)
     ramp = np.interp(stamps / seconds, [0.0, 0.1, 0.4, 0.5, 0.6, 0.9, 1.0], [4, 12, 9, 9, -4, -9, -6])
@@ -132,14 +132,14 @@ def stamped(std: float, seed: int, noise: dict[str, float] = SMALL, seconds: flo
 
 
 def with_delay(data: list[Data], are_bus_logs: bool = True) -> Identification:
-    """What is found with the delay unknown; the scatter is looked for in bus logs."""
+    """Identify with an unknown input delay; only bus logs have the scatter of timestamps estimated."""
     logs = [dataclasses.replace(each, through_sensors=are_bus_logs) for each in data]
     names, outputs = sought([*SCATTERED_TRUTH]), list(data[0].outputs)
     return fitted(Problem(suv(), "third-order", names, logs, outputs, ANGLE_DEG, is_delay_sought=True))
 
 
 class Scattered(NamedTuple):
-    """Over seeds: the scatter found [s] (seeds,), and errors (seeds, parameters) with it and without."""
+    """Per seed: the estimated scatter [s] (seeds,), and scores (seeds, parameters) with and without it."""
 
     jitter: np.ndarray
     known: np.ndarray
@@ -147,7 +147,7 @@ class Scattered(NamedTuple):
 
 
 def of_scattered_stamps(std: float, seeds: Iterable[int]) -> Scattered:
-    """Of commands that act `std` seconds sooner or later than they should."""
+    """Results for commands whose timestamps scatter by `std` seconds."""
     logs = [[stamped(std, seed)] for seed in seeds]
     found = [with_delay(each) for each in logs]
     return Scattered(
@@ -165,7 +165,7 @@ THINNED = [(None, 7), (None, 25), (211.0, 1), (500.0, 4)]
 
 
 def opening(seed: int | None, quantum: float = 0.0) -> Data:
-    """3 s at 2 kHz of a voltage that ramps up, and steps."""
+    """Measurement of 3 s at 2 kHz of an opening by a voltage that ramps up, then steps."""
     times = np.arange(6001) / 2000.0
     volts = 12.0 * np.clip(times / 0.3, 0.0, 1.0) - 3.0 * (np.floor(times / 0.37) % 2)
     noise = {"left_current_a": 0.05, "left_position_rev": 0.0 if quantum else 0.05}
@@ -177,14 +177,14 @@ def opening(seed: int | None, quantum: float = 0.0) -> Data:
 
 
 def thinned_problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
-    """From the shipped vehicle, or with nothing sought from the true one."""
+    """Problem that starts from the shipped vehicle, or one without unknown parameters at the true vehicle."""
     names = [] if vehicle == "true" else list(THINNED_TRUTH)
     known = true_vehicle(THINNED_TRUTH) if vehicle == "true" else vehicle_from(vehicle)
     return Problem(known, "full", sought(names), [data], list(data.outputs), 0.0, **more)
 
 
 def of_thinned_data(rate: float | None, factor: int, quantum: float, seeds: Iterable[int]) -> np.ndarray:
-    """(seeds, parameters), all of them sharp."""
+    """Scores (seeds, parameters) of thinned data, all parameters identifiable and within 1 %."""
     z = []
     for seed in seeds:
         few = thinned(opening(seed, quantum), rate, factor, QUANTUM)
@@ -207,7 +207,7 @@ VALLEY_FACTORS = {
 
 
 def of_neighbouring_minima(seed: int) -> np.ndarray:
-    """(parameters,), of 8 s at 1 kHz: shorter data have no such minima, or tell less than their std says."""
+    """Scores (parameters,) for 8 s at 1 kHz; shorter data have no such minima, or too small a deviation."""
     vehicle = vehicle_from("compact")
     truth = {
         name: factor * value_of(vehicle, find_parameter(vehicle, name)) for name, factor in VALLEY_FACTORS.items()

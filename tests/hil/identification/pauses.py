@@ -1,4 +1,4 @@
-"""Measurements that begin in a pause: the suite looks at some, `tests/study` at each way to measure each."""
+"""Identification of measurements that begin in a pause: some in the suite, all cases in `tests/study`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.hil.identification.simulated import later, measured, scores, sought, 
 
 
 def pauses(volts: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
-    """Times at 1 kHz, and voltages (until when, how much)."""
+    """Times at 1 kHz and voltages of steps (end time [s], voltage [V])."""
     times = np.arange(round(1e3 * volts[-1][0]) + 1) * 1e-3
     until = np.array([end for end, _ in volts])
     levels = np.array([*(level for _, level in volts), 0.0])
@@ -42,7 +42,7 @@ NOISE = {
 def begun_later(
     vehicle: Vehicle, drive: Sequence[tuple[float, float]], cut: float, noise: Mapping[str, float], seed: int
 ) -> Data:
-    """What is measured from `cut` [s] on of a run from closed."""
+    """The measurement of a run from the closed gate, without its first `cut` seconds."""
     return later(measured(vehicle, "full", noise, seed, 0.0, pauses(drive)), cut, from_zero=False)
 
 
@@ -57,7 +57,7 @@ CASES = {
 
 
 def check_that_the_truth_is_found(case: str, outputs: str) -> None:
-    """Unlike drives stop at unlike places, and their windings are warm."""
+    """Assert that the true parameters are found for unlike drives, which stop apart with warm windings."""
     name, drive, cut = CASES[case]
     shipped = vehicle_from(name)
     resistance, preload = shipped.left.motor.resistance, shipped.left.spring.preload
@@ -76,7 +76,7 @@ def check_that_the_truth_is_found(case: str, outputs: str) -> None:
 
 
 def check_where_a_search_ends(seed: int) -> None:
-    """No worse than one from the truth. Here the gate floats through the play: minima lie beside each other."""
+    """Assert that a search ends no worse than one from the truth: a floating gate has several close minima."""
     scale = np.random.default_rng(seed).uniform(0.9, 1.1, (2, 3))
     names = ("motor.resistance", "motor.torque_constant", "spring.preload")
     values = np.array([0.5, 0.015, 400.0])

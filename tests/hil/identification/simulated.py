@@ -1,4 +1,4 @@
-"""Measurements of known truth for the grey box."""
+"""Simulated measurements with known true parameters, for tests of the identification."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ NOISE = {"left_current_a": 0.05, "left_speed_rps": 0.5, "gate_angle_deg": 0.1}
 
 
 def true_vehicle(truth: Mapping[str, float] = TRUTH, name: str = "suv") -> Vehicle:
-    """A shipped vehicle with other values."""
+    """Return a shipped vehicle with the true parameter values."""
     vehicle = vehicle_from(name)
     parameters = [find_parameter(vehicle, key) for key in truth]
     return with_values(vehicle, parameters, list(truth.values()))
 
 
 def there_and_back(seconds: float = 2.0, rate: float = 200.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times and voltage of an opening that reverses."""
+    """Times and voltage of an opening that is reversed."""
     times = np.arange(round(seconds * rate) + 1) / rate
     volts = np.select([times < 0.5 * seconds, times < 0.6 * seconds], [12.0, 0.0], -9.0)
     return times, volts
@@ -55,7 +55,7 @@ def measured(
     name: str = "run",
     **columns: Any,
 ) -> Data:
-    """What would be measured on the vehicle: `noise` names the outputs; without a seed there is none."""
+    """Simulate a measurement of the vehicle; `noise` names the outputs, without a seed none is added."""
     times, volts = there_and_back() if drive is None else drive
     given = {"left_voltage_v": volts}
     given |= {key: np.broadcast_to(value, len(times)) for key, value in columns.items()}
@@ -72,12 +72,12 @@ def measured(
 
 
 def with_outputs(data: Data, **outputs: np.ndarray) -> Data:
-    """The same measurement with these outputs in place of, or beside, its own."""
+    """Return the measurement with these outputs added or replaced."""
     return dataclasses.replace(data, outputs={**data.outputs, **outputs})
 
 
 def later(data: Data, seconds: float, from_zero: bool = True) -> Data:
-    """The same measurement, begun that much later; its clock begins again, or goes on."""
+    """Return the measurement without its first seconds; its clock begins at 0 again, or goes on."""
     first = int(np.searchsorted(data.times, seconds))
     return dataclasses.replace(
         data,
@@ -88,7 +88,7 @@ def later(data: Data, seconds: float, from_zero: bool = True) -> Data:
 
 
 def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) -> list[Sought]:
-    """What to seek, from the values of the vehicle or of the shipped SUV, within the quantities' bounds."""
+    """Parameters to estimate, from the values of the vehicle or of the shipped SUV, within their bounds."""
     vehicle = vehicle_from("suv") if vehicle is None else vehicle
     found = []
     for name in names:
@@ -107,11 +107,11 @@ def estimated(
     angle_deg: float | None = 20.0,
     **more: Any,
 ) -> Identification:
-    """The identification of the vehicle's parameters of these names, from the shipped values on."""
+    """Identify parameters of these names, starting from the shipped values."""
     problem = Problem(vehicle, model, sought(names), data, list(data[0].outputs), angle_deg)
     return fitted(problem, **more)
 
 
 def scores(result: Identification, truth: Mapping[str, float] = TRUTH) -> np.ndarray:
-    """Errors in standard deviations."""
+    """Estimation errors divided by the reported standard deviations."""
     return np.array([(each.value - truth[each.name]) / each.std for each in result.parameters])

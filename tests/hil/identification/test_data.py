@@ -1,4 +1,4 @@
-"""How a measurement began is told from its first samples, and what the inputs leave open."""
+"""The state in which a measurement begins, derived from its first samples, and inputs that are missing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LATCH = np.array([name == "latch_released" for name in INPUT_COLUMNS])
 
 
 def opening(rest: float, seconds: float = 2.0, rate: float = 200.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times, and 12 V after a rest."""
+    """Times and voltage of a rest followed by 12 V."""
     times = np.arange(round(seconds * rate) + 1) / rate
     return times, np.where(times < rest, 0.0, 12.0)
 
@@ -53,7 +53,7 @@ def test_rest_and_motion_are_distinguished_whatever_the_noise(
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10_000), phase=st.floats(0.0, 1.0))
-def test_rest_and_motion_are_distinguished_from_counts(seed: int, phase: float) -> None:
+def test_rest_and_motion_are_distinguished_in_hall_counts(seed: int, phase: float) -> None:
     drive = opening(0.2, 2.0, 1000.0)
     data = counted(measured(suv(), "full", {"left_position_rev": 0.0}, seed, 40.0 + phase, drive))
     assert begins_at_rest(data)
@@ -83,12 +83,12 @@ def test_a_zero_before_the_first_difference_of_a_position_is_no_rest() -> None:
     assert not begins_at_rest(dataclasses.replace(data, outputs={"left_speed_rps": speed}))
 
 
-def test_data_that_say_nothing_of_motion_begin_at_rest() -> None:
+def test_data_without_outputs_of_motion_are_taken_to_begin_at_rest() -> None:
     data = measured(suv(), "full", {"left_current_a": 0.05}, 1)
     assert begins_at_rest(data)
 
 
-def test_a_known_angle_leaves_nothing_to_estimate() -> None:
+def test_a_known_initial_angle_leaves_no_initial_state_to_estimate() -> None:
     begin = beginning_of(suv(), measured(suv(), noise=ANGLE, seed=1), 0, 20.0, True)
     assert begin.unknowns == ()
     assert begin.start.angle == pytest.approx(math.radians(20.0))
@@ -110,7 +110,7 @@ def test_a_latched_gate_begins_closed_and_latched() -> None:
     assert begin.start.angle == 0.0
 
 
-def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
+def test_a_position_without_an_angle_gives_the_angle_of_a_resting_gate() -> None:
     plant = plant_of(suv())
     data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, opening(0.5))
     begin = beginning_of(suv(), data, 0, None, True)
@@ -120,7 +120,7 @@ def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
     assert [each.name for each in begin.unknowns] == ["left_position", "right_ahead", "angle"]
 
 
-def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
+def test_a_moving_gate_begins_with_the_measured_speed_and_position() -> None:
     whole = measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0)
     data = later(whole, 0.5)
     truth = measured(suv(), "third-order", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
@@ -134,7 +134,7 @@ def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
     assert [each.name for each in stiff.unknowns] == ["speed", "left_position"]
 
 
-def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None:
+def test_a_moving_gate_with_an_unreferenced_counter_begins_at_its_measured_angle() -> None:
     plant = plant_of(suv())
     data = later(measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
     unset = with_outputs(data, left_position_rev=data.outputs["left_position_rev"] + 1000.0)
@@ -146,7 +146,7 @@ def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None
     assert offset == pytest.approx(1000.0, abs=1.0)
 
 
-def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
+def test_an_angle_without_a_speed_gives_the_initial_speed_of_a_gate() -> None:
     data = later(measured(suv(), "full", ANGLE, 1, 20.0), 0.5)
     truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0)
     begin = beginning_of(suv(), data, 0, None, True)
@@ -155,14 +155,14 @@ def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
     assert begin.unknowns[0].name == "speed"
 
 
-def test_a_motion_without_a_place_is_refused_with_the_name_of_its_measurement() -> None:
+def test_a_measurement_that_begins_in_motion_without_a_position_or_angle_is_refused_by_name() -> None:
     good = measured(suv(), "full", SPEED, 1, 0.0, name="good.csv")
     late = later(measured(suv(), "full", SPEED, 1, 20.0, name="late.csv"), 0.5)
     with pytest.raises(ValueError, match=r"^late\.csv: begins in motion.*allowed"):
         Problem(suv(), "full", [], [good, late], list(SPEED), None)
 
 
-def test_a_drive_that_nothing_is_specified_for_is_driven_like_the_other() -> None:
+def test_a_drive_without_an_input_column_gets_the_input_of_the_other_drive() -> None:
     for side, other in (("left", "right"), ("right", "left")):
         rows = rows_of({f"{side}_duty": np.array([0.5, -0.5])}, 2)
         assert rows[:, INPUT_COLUMNS.index(f"{other}_duty")] == pytest.approx([0.5, -0.5])
@@ -172,7 +172,7 @@ def test_a_drive_that_nothing_is_specified_for_is_driven_like_the_other() -> Non
     assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("left_voltage_v")]))
 
 
-def test_the_voltage_is_what_the_columns_say_and_none_while_coasting() -> None:
+def test_the_input_voltage_comes_from_its_columns_and_is_missing_while_coasting() -> None:
     columns = {
         "left_duty": np.array([0.5, 0.5, 0.5, -1.0]),
         "left_voltage_v": np.array([0.0, 1.0, np.nan, 0.0]),
@@ -183,13 +183,13 @@ def test_the_voltage_is_what_the_columns_say_and_none_while_coasting() -> None:
     assert applied_voltage(data, 12.0) == pytest.approx([6.0, 7.0, 0.0, -10.0])
 
 
-def test_the_first_sample_is_the_first_there_is() -> None:
+def test_the_first_sample_of_a_column_skips_missing_values() -> None:
     assert first_sample(np.array([np.nan, 2.0, 3.0])) == 2.0
     assert math.isnan(first_sample(np.array([np.nan])))
     assert math.isnan(first_sample(None))
 
 
-def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
+def test_the_winding_temperature_of_a_moving_drive_is_estimated_if_the_vehicle_models_it() -> None:
     cold, warm = suv(), vehicle_from("heavy-suv")
     assert warm.left.thermal.enabled > 0.0
     for vehicle, expected in ((cold, False), (warm, True)):
@@ -199,7 +199,7 @@ def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
         assert ("warmth" in [each.name for each in begin.unknowns]) == expected
 
 
-def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
+def test_an_unreleased_latch_holds_only_a_closed_gate() -> None:
     # On a bus the release is a short pulse: later it says nothing of a gate that is open.
     noise = {**POSITION, **ANGLE}
     whole = measured(suv(), "third-order", noise, 1, 40.0)
@@ -225,7 +225,7 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
 
 
 def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: float = 0.0) -> Data:
-    """Half a second of rest before an opening; the clock shows `cut` where it begins."""
+    """Measurement with half a second of rest before an opening; its clock begins at `cut`."""
     data = measured(vehicle, "full", noise, 1, angle_deg, opening(0.5), latch_released=0.0)
     return dataclasses.replace(data, times=data.times + cut)
 
@@ -233,7 +233,7 @@ def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: floa
 @pytest.mark.parametrize(
     ("angle_deg", "cut", "expected"), [(0.0, 0.0, False), (0.0, 2.0, True), (30.0, 0.0, True)]
 )
-def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_long(
+def test_warmth_and_play_of_a_resting_gate_are_estimated_unless_it_rested_long_or_its_angle_is_known(
     angle_deg: float, cut: float, expected: bool
 ) -> None:
     data = pause(vehicle_from("heavy-suv"), angle_deg, {**POSITION, **ANGLE}, cut)
@@ -246,9 +246,7 @@ def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_lo
 
 @pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
 @pytest.mark.parametrize("released", [0.0, 1.0])
-def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
-    noise: dict[str, float], released: float
-) -> None:
+def test_a_closed_gate_creeping_into_its_seal_counts_as_resting(noise: dict[str, float], released: float) -> None:
     for seed in range(5):
         drive = opening(0.5, 1.0, 1000.0)
         data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)
@@ -257,7 +255,7 @@ def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
         assert begin.start.latched == 1.0 - released
 
 
-def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_known() -> None:
+def test_a_closed_gate_begins_latched_if_only_its_speed_or_an_offset_angle_is_measured() -> None:
     for noise, offset in ((SPEED, 0.0), ({"gate_angle_deg": 0.02}, -0.5)):
         data = pause(suv(), 0.0, noise)
         outputs = {name: values + offset for name, values in data.outputs.items()}
@@ -266,14 +264,14 @@ def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_kn
             assert beginning_of(suv(), odd, 0, None, True).start.latched == 1.0
 
 
-def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
+def test_the_initial_state_of_thinned_data_is_derived_from_all_their_rows() -> None:
     data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, opening(0.5, 3.0, 1000.0))
     for factor in (10, 50, 100):
         few = thinned(data, None, factor, 0.25)
         assert beginning_of(suv(), few, 0, None, True).unknowns == ()
 
 
-def test_a_slow_motion_that_nothing_drives_is_one() -> None:
+def test_a_slow_undriven_motion_is_not_taken_for_rest() -> None:
     times = np.arange(2001) / 1000.0
     volts = np.where(times < 0.5, 12.0, 0.0)
     for noise in (POSITION, SPEED):
@@ -285,7 +283,7 @@ def test_a_slow_motion_that_nothing_drives_is_one() -> None:
         assert begins_at_rest(later(whole, 1.8), creeps=True)
 
 
-def test_a_stall_under_voltage_is_refused_and_an_inrush_is_none() -> None:
+def test_a_measurement_that_begins_stalled_under_voltage_is_refused_unless_it_is_an_inrush() -> None:
     times = np.arange(9001) / 1000.0
     volts = np.where(times < 7.0, 12.0, -10.0)
     noise = {**POSITION, "left_current_a": 0.05}
@@ -297,6 +295,6 @@ def test_a_stall_under_voltage_is_refused_and_an_inrush_is_none() -> None:
     assert beginning_of(suv(), shifted, 0, None, True).in_pause
 
 
-def test_a_rest_that_only_an_angle_shows_may_be_a_slow_motion() -> None:
+def test_rest_seen_in_the_angle_alone_may_be_a_slow_motion() -> None:
     begin = beginning_of(suv(), pause(suv(), 30.0, ANGLE), 0, None, True)
     assert {each.name: each.std for each in begin.unknowns}["speed"] == 5.0

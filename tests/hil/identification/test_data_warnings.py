@@ -1,4 +1,4 @@
-"""What data give away: currents at rest, nothing that drives, another unit or sign."""
+"""Warnings about data: currents at rest, no driving input, a wrong unit or sign."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SAID = f"A while the motor stands without voltage: has its sensor an offset? {OF
 def later_driven(
     noise: Mapping[str, float] = ALL, offset: float = 0.0, seed: int = 1, first: float = 0.3, **columns: float
 ) -> Data:
-    """Data with a voltage from `first` [s] on, the current with an offset [A]."""
+    """Data with a voltage from time `first` [s] on and an offset [A] of the current."""
     times = np.arange(401) / 200.0
     data = measured(
         true_vehicle(), noise=noise, seed=seed, drive=(times, np.where(times < first, 0.0, 12.0)), **columns
@@ -45,7 +45,7 @@ def problem_of(data: Data) -> Problem:
 
 
 @pytest.mark.parametrize("noise", [ALL, CURRENT])
-def test_a_current_at_rest_is_told_as_an_offset(noise: dict[str, float]) -> None:
+def test_a_current_at_rest_is_reported_as_an_offset(noise: dict[str, float]) -> None:
     for offset, said in ((0.155, "0.15"), (-0.5, "-0.5")):
         (warning,) = offsets_at_rest(problem_of(later_driven(noise, offset)))
         assert warning.startswith(f"run: left_current_a is {said}")
@@ -61,14 +61,14 @@ def test_noise_and_rounding_at_rest_are_no_offset(noise: dict[str, float], seed:
     assert offsets_at_rest(problem_of(rounded)) == []
 
 
-def test_a_current_from_the_first_sample_on_or_before_the_voltage_s_stamp_may_be_of_the_voltage() -> None:
+def test_a_current_without_rest_before_the_delayed_voltage_is_not_reported_as_an_offset() -> None:
     assert offsets_at_rest(problem_of(later_driven(offset=0.5, first=0.0))) == []
     problem = problem_of(later_driven(offset=0.5, first=0.06))
     assert offsets_at_rest(problem) != []
     assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
 
 
-def test_a_motor_that_is_turned_by_hand_has_a_current() -> None:
+def test_the_current_of_a_motor_turned_by_hand_is_no_offset() -> None:
     data = later_driven(first=9.0, hand_force_n=400.0)
     assert float(np.ptp(data.outputs["left_position_rev"])) > 5.0
     assert offsets_at_rest(problem_of(data)) == []
@@ -76,7 +76,7 @@ def test_a_motor_that_is_turned_by_hand_has_a_current() -> None:
     assert offsets_at_rest(problem_of(unseen)) != []  # the columns of motion make the difference
 
 
-def test_an_offset_that_the_vehicle_states_for_the_sensor_of_a_log_is_none() -> None:
+def test_an_offset_stated_in_the_vehicle_file_is_not_reported_again() -> None:
     data = dataclasses.replace(later_driven(offset=0.5), through_sensors=True)
     for stated, count in ((0.0, 1), (0.5, 0)):
         vehicle = true_vehicle()
@@ -98,7 +98,7 @@ def test_both_commands_warn_of_an_offset_at_rest() -> None:
         assert len([each for each in warnings if each.endswith(SAID)]) == 1
 
 
-def test_data_in_which_nothing_drives_are_warned_of() -> None:
+def test_data_without_a_driving_input_are_warned_of() -> None:
     data = later_driven(first=9.0, hand_force_n=400.0)
     result = estimated(true_vehicle(), "third-order", ["spring.preload"], [data])
     (warning,) = [each for each in warnings_of(result) if "no motor" in each]
@@ -106,7 +106,7 @@ def test_data_in_which_nothing_drives_are_warned_of() -> None:
     assert never_driven([data, later_driven()]) == []
 
 
-def test_a_gap_through_which_the_motor_is_driven_is_warned_of() -> None:
+def test_a_gap_in_the_rows_while_the_motor_is_driven_is_warned_of() -> None:
     data = later_driven()
 
     def without(begin: float, end: float) -> Data:
@@ -120,10 +120,8 @@ def test_a_gap_through_which_the_motor_is_driven_is_warned_of() -> None:
 
 
 @pytest.mark.parametrize(("begin", "disturbed", "is_told"), [(0.0, 15, True), (0.0, 0, False), (0.5, 0, False)])
-def test_a_slow_motion_at_the_beginning_that_may_be_noise_is_told(
-    begin: float, disturbed: int, is_told: bool
-) -> None:
-    """Not so a true one, of data that are cut out of a motion."""
+def test_a_slow_initial_motion_that_may_be_noise_is_warned_of(begin: float, disturbed: int, is_told: bool) -> None:
+    """A true slow motion, in data cut out of a motion, gives no warning."""
     times = np.arange(401) / 200.0
     volts = np.select([times < 0.2, times < 1.2], [0.0, 12.0], -9.0)
     data = measured(true_vehicle(), noise=ALL, seed=2, angle_deg=20.0, drive=(times, volts))
@@ -142,7 +140,7 @@ def hints_on(data: Data) -> list[str]:
     return hints(problem, problem.initial)
 
 
-def test_other_inputs_must_explain_every_output() -> None:
+def test_reversed_inputs_are_suggested_only_if_every_output_then_fits() -> None:
     data = measured(true_vehicle(), seed=1)
     reversed_inputs = dataclasses.replace(data, inputs=-1.0 * data.inputs)
     (hint,) = hints_on(reversed_inputs)
@@ -153,19 +151,19 @@ def test_other_inputs_must_explain_every_output() -> None:
     assert not [each for each in found if "inputs" in each]
 
 
-def test_inputs_without_effect_explain_nothing() -> None:
+def test_inputs_without_effect_give_no_hint_on_unit_or_sign() -> None:
     times, volts = there_and_back()
     data = measured(true_vehicle(), seed=1, drive=(times, 0.0 * volts), hand_force_n=400.0)
     assert hints_on(data) == []
 
 
-def test_an_offset_is_not_taken_for_a_scale() -> None:
+def test_an_output_with_an_offset_gets_no_hint_on_its_scale() -> None:
     data = measured(true_vehicle(), seed=1)
     for change, count in ((data.outputs["gate_angle_deg"] + 60.0, 0), (3.0 * data.outputs["gate_angle_deg"], 1)):
         assert len(hints_on(with_outputs(data, gate_angle_deg=change))) == count
 
 
-def test_magnitudes_in_place_of_values_with_a_sign_are_told() -> None:
+def test_magnitudes_in_place_of_signed_values_are_reported() -> None:
     data = measured(true_vehicle(), seed=1)
     size = with_outputs(data, left_current_a=np.abs(data.outputs["left_current_a"]))
     assert "left_current_a has no negative values: was only its magnitude recorded?" in hints_on(size)

@@ -30,7 +30,7 @@ from tests.plant.runs import suv
 
 
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
-def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) -> None:
+def test_the_true_vehicle_fits_every_sample_of_thinned_data(rate: float | None, factor: int) -> None:
     few = thinned(opening(None), rate, factor, QUANTUM)
     for experiment in validated(thinned_problem(few, "true")).experiments:
         for series in experiment.series:
@@ -39,13 +39,13 @@ def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) 
 
 
 @pytest.mark.parametrize(("kind", "quantum"), [*zip(THINNED, (0.0, QUANTUM, QUANTUM, 0.0), strict=True)])
-def test_the_truth_lies_within_three_standard_deviations(kind: tuple[float | None, int], quantum: float) -> None:
+def test_estimates_from_thinned_data_agree_with_the_truth(kind: tuple[float | None, int], quantum: float) -> None:
     z = many_seeds.of_thinned_data(*kind, quantum, [0])  # each with each, and more seeds: tests/study
     assert np.max(np.abs(z)) < 3.0
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.75])
-def test_a_counters_edges_may_lie_anywhere(phase: float) -> None:
+def test_estimates_do_not_depend_on_the_phase_of_the_counter_edges(phase: float) -> None:
     data = opening(2, QUANTUM)
     true = opening(2).outputs["left_position_rev"]
     counts = np.floor(true / QUANTUM + phase) * QUANTUM
@@ -55,7 +55,7 @@ def test_a_counters_edges_may_lie_anywhere(phase: float) -> None:
     assert abs(offset.value - (phase - 0.5) * QUANTUM) < 3.0 * offset.std < 0.5 * QUANTUM
 
 
-def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> None:
+def test_an_input_delay_is_applied_to_thinned_data_too() -> None:
     data = opening(None)
     late = dataclasses.replace(data, inputs=np.roll(data.inputs, -6, axis=0))  # 3 ms early
     few = thinned(late, 400.0, 2, QUANTUM)
@@ -66,8 +66,8 @@ def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> N
 
 
 @pytest.mark.parametrize("factor", [5, 20])
-def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> None:
-    """With inputs 50 ms late those of the last 50 ms are not among the data."""
+def test_samples_after_the_delayed_inputs_end_are_left_out(factor: int) -> None:
+    """With inputs delayed by 50 ms, the samples of the last 50 ms are left out."""
     data = opening(None)
     volts = np.where(data.times > data.times[-1] - 0.04, -6.0, data.inputs[:, 0])
     both = data.inputs.copy()
@@ -83,7 +83,7 @@ def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> Non
     assert np.nanmax(np.abs(off)) < 1e-3
 
 
-def test_a_part_has_the_inputs_that_hold_in_it() -> None:
+def test_a_part_of_the_data_has_the_inputs_in_force_during_it() -> None:
     data = opening(None)
     few = thinned(data, 317.0, 1, QUANTUM)
     part = part_of(few, 100, 160, {"left_position_rev": 5.0})
@@ -100,7 +100,7 @@ def test_a_part_has_the_inputs_that_hold_in_it() -> None:
     assert np.allclose(part.thinned("any", part.rows), part.times, atol=1e-12)
 
 
-def test_a_search_from_far_away_goes_over_pieces_of_thinned_data() -> None:
+def test_a_search_from_a_distant_start_uses_pieces_of_thinned_data() -> None:
     few = thinned(opening(3), None, 20, QUANTUM)
     far = true_vehicle({"motor.resistance": 2.5, "motor.torque_constant": 0.02})
     given = Problem(far, "full", sought(list(THINNED_TRUTH), far), [few], list(few.outputs), 0.0)
@@ -113,7 +113,7 @@ TRUTH = {"motor.resistance": 0.8, "motor.rotor_inertia": 1.47e-5, "spring.preloa
 
 
 def run(model: str = "third-order", ripple: float = 0.0, rate: float = 5000.0) -> Data:
-    """2 s, with a voltage that changes at every row where it has a ripple [V, std]."""
+    """Measurement of 2 s whose voltage ripples at every row if `ripple` [V, std] is given."""
     times, volts = there_and_back(2.0, rate)
     volts = volts + ripple * np.random.default_rng(1).standard_normal(len(times))
     return measured(true_vehicle(TRUTH), model, NOISE, 3, drive=(times, volts))
@@ -124,7 +124,7 @@ def problem(data: Data, model: str = "third-order") -> Problem:
 
 
 @pytest.mark.parametrize("model", ["third-order", "full"])
-def test_the_estimates_are_those_of_a_search_over_all_rows(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_estimates_from_few_rows_equal_those_from_all_rows(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     data = run(model, 0.1)
     found = fitted(problem(data, model))
     monkeypatch.setattr(fit, "coarse_of", lambda _: None)
@@ -134,7 +134,7 @@ def test_the_estimates_are_those_of_a_search_over_all_rows(model: str, monkeypat
         assert quick.std == pytest.approx(other.std, rel=1e-2)
 
 
-def test_it_has_the_same_unknowns_and_few_rows() -> None:
+def test_a_coarse_problem_has_the_same_unknowns_and_fewer_rows() -> None:
     whole = problem(run())
     few = coarse_of(whole)
     assert few is not None
@@ -148,7 +148,7 @@ def test_it_has_the_same_unknowns_and_few_rows() -> None:
     assert np.abs(away).max(axis=0) == pytest.approx(np.zeros(3), abs=0.3)
 
 
-def test_inputs_that_change_at_every_row_are_means() -> None:
+def test_inputs_that_change_at_every_row_are_averaged_in_a_coarse_problem() -> None:
     data = run(ripple=0.1)
     few = coarse_of(problem(data))
     assert few is not None
@@ -157,7 +157,7 @@ def test_inputs_that_change_at_every_row_are_means() -> None:
     assert len(volts) == 401
 
 
-def test_an_output_of_a_slower_raster_keeps_its_samples() -> None:
+def test_an_output_with_a_slower_raster_keeps_all_its_samples() -> None:
     data = run()
     thin = data.outputs["gate_angle_deg"].copy()
     thin[np.arange(len(thin)) % 100 != 7] = np.nan
@@ -167,13 +167,13 @@ def test_an_output_of_a_slower_raster_keeps_its_samples() -> None:
     assert kept[np.isfinite(kept)] == pytest.approx(thin[np.isfinite(thin)], rel=1e-9)
 
 
-def test_few_rows_stay_as_they_are() -> None:
+def test_a_problem_with_few_rows_is_not_made_coarser() -> None:
     assert coarse_of(problem(run(rate=200.0))) is None
     assert coarse_of(problem(run(rate=1000.0))) is None  # 2000 steps
 
 
 @pytest.mark.parametrize(("released_at", "left_out"), [(0.0, 0.0), (1.0, 1.225)])
-def test_pieces_in_which_the_latch_holds_the_closed_gate_are_left_out(released_at: float, left_out: float) -> None:
+def test_pieces_of_data_with_the_gate_held_by_its_latch_are_left_out(released_at: float, left_out: float) -> None:
     times = np.arange(601) / 200.0
     drive = (times, np.where(times < 1.0, 0.0, 12.0))
     noise = {"left_position_rev": 0.0, "gate_angle_deg": 0.0}

@@ -1,4 +1,4 @@
-"""Steps within bounds, and what they cost."""
+"""Descent by bounded steps: its result and its number of simulations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.hil.identification.test_search import problem
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_step_is_the_bounded_least_squares_one(seed: int) -> None:
+def test_a_step_of_the_descent_is_the_bounded_least_squares_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 7))
     root = rng.standard_normal((count + 3, count)) * 10.0 ** rng.uniform(-3, 3, count)
@@ -27,7 +27,7 @@ def test_a_step_is_the_bounded_least_squares_one(seed: int) -> None:
     assert np.all((step >= low) & (step <= high))
 
 
-def test_it_takes_few_simulations_and_never_goes_up() -> None:
+def test_a_descent_takes_few_simulations_and_its_loss_never_rises() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     end = descend(one, place_at(one, one.initial, None), range(5), None, 100)
     assert end.stop_reason.startswith("converged")
@@ -37,7 +37,7 @@ def test_it_takes_few_simulations_and_never_goes_up() -> None:
     assert place_at(one, end.point, None).deviance == end.deviance
 
 
-def test_rounds_that_do_not_suffice_are_reported() -> None:
+def test_a_descent_that_runs_out_of_iterations_is_reported() -> None:
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     end = descend(one, place_at(one, one.initial, None), range(5), None, 1)
     assert end.stop_reason == "not converged after 1 iterations"

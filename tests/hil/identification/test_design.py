@@ -1,4 +1,4 @@
-"""Planned experiments tell what they are said to tell."""
+"""The information that planned experiments promise agrees with the identification."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def one_way_and_back() -> list[Candidate]:
     ]
 
 
-def test_a_reversal_tells_friction_from_preload_better_than_one_way() -> None:
+def test_a_reversal_separates_friction_from_preload_better_than_a_one_way_motion() -> None:
     # One way, friction and preload are two constant torques but for the lever's change.
     names = ["gear.friction_torque", "spring.preload"]
     found = plan(suv(), "third-order", sought(names), OUTPUTS, one_way_and_back())
@@ -67,7 +67,7 @@ def test_the_expected_standard_deviation_is_that_of_the_identification(model: st
     )
 
 
-def test_informations_add_up() -> None:
+def test_the_information_of_several_experiments_adds_up() -> None:
     single = one_way_and_back()[2]
     names = ["motor.resistance", "spring.preload"]
     found = plan(suv(), "third-order", sought(names), OUTPUTS, [single] * 3, 3)
@@ -76,7 +76,7 @@ def test_informations_add_up() -> None:
     assert found.order[1].log_det - found.order[0].log_det == pytest.approx(2 * math.log10(2.0))
 
 
-def test_the_order_grows_in_what_it_tells() -> None:
+def test_each_further_planned_experiment_adds_information() -> None:
     vehicle = suv()
     offered = candidates(vehicle, 2.0, 200.0)
     found = plan(vehicle, "third-order", sought([*TRUTH]), OUTPUTS, offered, 3)
@@ -89,7 +89,7 @@ def test_the_order_grows_in_what_it_tells() -> None:
     assert found.order[0].candidate.name == found.ranked[0].candidate.name
 
 
-def test_a_slope_tells_mass_from_preload() -> None:
+def test_an_experiment_on_a_slope_separates_mass_from_preload() -> None:
     vehicle = suv()
     offered = [c for c in candidates(vehicle, 2.0, 200.0) if c.name.startswith("step to full")]
     names = ["gate.mass", "spring.preload"]
@@ -98,7 +98,7 @@ def test_a_slope_tells_mass_from_preload() -> None:
     assert len(slopes) == 2
 
 
-def test_what_cannot_be_identified_is_last_and_infinite() -> None:
+def test_an_experiment_without_information_ranks_last_with_infinite_deviation() -> None:
     times = np.arange(201) / 200.0
     offered = [
         Candidate("nothing", times, np.zeros(201), 20.0, 0.0),
@@ -114,7 +114,7 @@ def test_what_cannot_be_identified_is_last_and_infinite() -> None:
     assert np.all(np.isinf(nothing.relative_std))
 
 
-def test_candidates_stay_within_the_supply_and_begin_where_they_can_move() -> None:
+def test_candidate_experiments_stay_within_the_supply_voltage_and_begin_where_they_can_move() -> None:
     vehicle = suv()
     for each in candidates(vehicle, 4.0, 500.0):
         assert np.max(np.abs(each.voltage)) <= 12.0
@@ -142,7 +142,7 @@ def test_the_expected_noise_is_that_of_the_vehicles_sensors() -> None:
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
-def test_positions_are_expected_to_tell_what_counts_tell(rate: float) -> None:
+def test_the_expected_information_of_positions_matches_that_of_counts(rate: float) -> None:
     # The plan may be off by a factor, not by an order of magnitude, for what a counter shows.
     vehicle = suv()
     times = np.arange(round(2.0 * rate) + 1) / rate
@@ -161,7 +161,7 @@ def test_positions_are_expected_to_tell_what_counts_tell(rate: float) -> None:
 
 
 def test_each_bit_of_a_planned_prbs_begins_with_its_row():
-    """The quotient of 0.3 s and 0.05 s is less than 6."""
+    """In floating point, 0.3 s divided by 0.05 s is less than 6."""
     (found,) = [each for each in candidates(suv(), 4.0, 1000.0) if each.name == "PRBS of 50 ms, opening"]
     changes = np.flatnonzero(np.diff(found.voltage)) + 1
     assert len(changes) > 20

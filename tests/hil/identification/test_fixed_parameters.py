@@ -1,4 +1,4 @@
-"""Fixed parameters: what is reported of them agrees with identifications that use other values of them."""
+"""Reports on fixed parameters agree with identifications that fix them at other values."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ OF_OPENING = ["motor.resistance", "spring.preload"]
 
 @pytest.fixture(scope="module")
 def of_the_truth() -> Identification:
-    """What an opening tells where all that is fixed is right."""
+    """Identification of an opening with all fixed parameters at their true values."""
     return found(true_vehicle(), true_vehicle(), OF_OPENING, OPENING)
 
 
@@ -55,7 +55,7 @@ def of_the_truth() -> Identification:
     ("name", "is_seen"),
     [("spindle.friction_force", False), ("gear.friction_torque", False), ("motor.speed_constant", True)],
 )
-def test_an_estimate_changes_as_is_said_if_a_fixed_parameter_is_another(
+def test_an_estimate_changes_with_a_fixed_parameter_as_predicted(
     of_the_truth: Identification, name: str, is_seen: bool
 ) -> None:
     truth, here = true_vehicle(), of_the_truth
@@ -73,7 +73,7 @@ def test_an_estimate_changes_as_is_said_if_a_fixed_parameter_is_another(
 @pytest.mark.parametrize(
     ("name", "factor"), [("gate.mass", 1.1), ("motor.torque_constant", 0.93), ("gear.ratio", 1.05)]
 )
-def test_the_fixed_parameter_that_is_wrong_is_named_with_its_value(name: str, factor: float) -> None:
+def test_a_wrong_fixed_parameter_is_named_with_a_better_value(name: str, factor: float) -> None:
     vehicle = true_vehicle()
     result = found(vehicle, changed(vehicle, name, factor), ["motor.resistance"], there_and_back())
     assert not is_white(result)
@@ -83,17 +83,17 @@ def test_the_fixed_parameter_that_is_wrong_is_named_with_its_value(name: str, fa
     assert [name in each for each in warnings_of(result) if "of the squared errors" in each] == [True]
 
 
-def test_white_residuals_accuse_no_fixed_parameter() -> None:
+def test_with_white_residuals_no_fixed_parameter_is_called_wrong() -> None:
     vehicle = true_vehicle()
     result = found(vehicle, vehicle, ["motor.resistance"], there_and_back())
     assert is_white(result)
     assert not [each for each in warnings_of(result) if "of the squared errors" in each]
 
 
-def test_an_estimate_that_rests_on_a_fixed_parameter_is_warned_of_and_listed(
+def test_an_estimate_that_depends_strongly_on_a_fixed_parameter_is_warned_of_and_listed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The load torque acts by (1 - efficiency) of it: other friction is a hundred times as large."""
+    """Only (1 - efficiency) of the load torque acts; other friction is a hundred times as large."""
     vehicle = true_vehicle()
     result = found(vehicle, vehicle, ["motor.resistance", "motor.load_torque"], there_and_back())
     listed = [(each.estimate.name, each.fixed.name) for each in dependences(result)]
@@ -109,7 +109,7 @@ def test_an_estimate_that_rests_on_a_fixed_parameter_is_warned_of_and_listed(
         assert "spindle.efficiency" in page
 
 
-def test_one_drive_that_is_estimated_leaves_the_other_fixed() -> None:
+def test_estimating_a_parameter_of_one_drive_leaves_that_of_the_other_drive_fixed() -> None:
     vehicle = true_vehicle({}, "heavy-suv")
     assert vehicle.drives > 1
     result = found(vehicle, vehicle, ["left.motor.resistance"], there_and_back())
@@ -120,7 +120,7 @@ def test_one_drive_that_is_estimated_leaves_the_other_fixed() -> None:
     assert not [each for each in names if each.startswith(("sensors.", "supply.", "left.sensors."))]
 
 
-def test_the_supply_voltage_is_a_fixed_parameter_of_duties_and_not_of_voltages() -> None:
+def test_the_supply_voltage_is_a_fixed_parameter_only_if_the_inputs_are_duties() -> None:
     vehicle = true_vehicle()
     names, voltages = ["motor.resistance"], measured(true_vehicle(), "full", NOISE, 1, drive=OPENING)
     inputs = voltages.inputs.copy()

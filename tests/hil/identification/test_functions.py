@@ -1,4 +1,4 @@
-"""`identify` and `validate` from Python: what their arguments may be, and what becomes of a result."""
+"""`identify` and `validate` from Python: forms of their arguments, and the result file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAME = "motor.resistance"
 
 @pytest.fixture(scope="module")
 def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """1.5 s of opening by 12 V from closed, of which the truth is known."""
+    """Measurement of 1.5 s of opening by 12 V from closed, with known true parameters."""
     path = tmp_path_factory.mktemp("opening") / "opening.csv"
     lh.simulate(voltage=12.0, duration=1.5, every=5, output=path, ideal=True)
     return path
@@ -43,13 +43,13 @@ def estimate(fit: Any) -> tuple[float, float]:
         {"bounds": {NAME: np.array((0.1, 4.0))}},
     ],
 )
-def test_arguments_have_several_forms(opening: Path, how: dict[str, Any]) -> None:
+def test_identify_accepts_its_arguments_in_several_forms(opening: Path, how: dict[str, Any]) -> None:
     arguments = {"estimate": NAME, "ideal": True, "outputs": "current"} | how
     value, _ = estimate(lh.identify(opening, **arguments))
     assert value == pytest.approx(lh.load_vehicle("suv").left.motor.resistance, rel=1e-6)
 
 
-def test_a_prior_and_noise_are_numbers_by_name(opening: Path) -> None:
+def test_priors_and_noise_are_given_as_numbers_by_name(opening: Path) -> None:
     given = {"estimate": NAME, "ideal": True, "outputs": ["current"], "noise": {"current": 0.1}}
     plain = estimate(lh.identify([opening], **given))
     value, std = estimate(lh.identify([opening], prior={NAME: (0.8, 1e-4)}, **given))
@@ -57,7 +57,7 @@ def test_a_prior_and_noise_are_numbers_by_name(opening: Path) -> None:
     assert abs(value - 0.8) < abs(plain[0] - 0.8)
 
 
-def test_a_result_is_validated_without_a_file(opening: Path, tmp_path: Path) -> None:
+def test_an_identification_in_memory_is_validated_without_a_file(opening: Path, tmp_path: Path) -> None:
     off = {"settings": [f"{NAME}=0.9"], "ideal": True}
     fit = lh.identify(opening, estimate=NAME, result=tmp_path / "fit.json", **off)
     by_file = lh.validate(opening, parameters=tmp_path / "fit.json", **off)
@@ -68,7 +68,7 @@ def test_a_result_is_validated_without_a_file(opening: Path, tmp_path: Path) -> 
     assert found.provenance.command_line.startswith("ValidateRequest(files=")
 
 
-def test_a_result_that_cannot_be_written_is_in_the_error(opening: Path) -> None:
+def test_the_error_of_an_unwritable_file_carries_the_result(opening: Path) -> None:
     with pytest.raises(NotWrittenError, match="`html` /dev/full: cannot be written: No space") as caught:
         lh.validate(opening, ideal=True, html="/dev/full")
     result = caught.value.result
@@ -90,14 +90,14 @@ def test_a_result_that_cannot_be_written_is_in_the_error(opening: Path) -> None:
         ({"estimate": NAME, "maps": "x"}, "`maps` x"),
     ],
 )
-def test_wrong_arguments_are_refused_by_their_names(opening: Path, how: dict[str, Any], text: str) -> None:
+def test_wrong_arguments_are_refused_with_their_names(opening: Path, how: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.identify(**{"files": opening, "ideal": True} | how)
     assert text in str(caught.value)
     assert len(str(caught.value)) < 300
 
 
-def test_only_the_files_are_taken_by_their_place(opening: Path) -> None:
+def test_only_the_files_are_positional_arguments(opening: Path) -> None:
     with pytest.raises(TypeError):
         lh.identify(opening, "suv")  # type: ignore[call-overload]
     with pytest.raises(TypeError):
@@ -106,7 +106,7 @@ def test_only_the_files_are_taken_by_their_place(opening: Path) -> None:
         ValidateRequest()  # type: ignore[call-arg]
 
 
-def test_a_request_is_taken_in_place_of_arguments(opening: Path) -> None:
+def test_a_request_object_replaces_the_arguments(opening: Path) -> None:
     request = pickle.loads(pickle.dumps(ValidateRequest(opening, ideal=True)))
     assert lh.validate(request).fit_percent == lh.validate(opening, ideal=True).fit_percent
 

@@ -1,4 +1,4 @@
-"""What an identification says of simulated data is true, and so is how sure it says it is."""
+"""Estimates from simulated data agree with the truth within their reported standard deviations."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def vehicle() -> Vehicle:
 
 
 @pytest.mark.parametrize(("model", "count"), [("full", 4), ("third-order", 8), ("second-order", 8)])
-def test_errors_are_as_large_as_the_standard_deviations_say(model: str, count: int) -> None:
+def test_errors_match_the_standard_deviations(model: str, count: int) -> None:
     z = many_seeds.of_white_noise(model, range(count))
     # Of 40 values the mean has a standard deviation of about 0.16, the rms of 0.11; of 20, 0.22 and 0.16.
     assert np.abs(z).max() < 3.5
@@ -51,7 +51,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say(model: str, count: i
     assert 0.75 < math.sqrt(np.mean(z**2)) < 1.3  # measured 1.0
 
 
-def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_mislead() -> None:
+def test_hall_counts_are_compared_at_their_edges_only() -> None:
     edges, naive = many_seeds.of_hall_counts(range(2))
     assert np.abs(edges).max() < 3.0
     assert 0.6 < math.sqrt(np.mean(edges**2)) < 1.4  # measured 0.93
@@ -59,7 +59,7 @@ def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_misle
 
 
 def delayed(seconds: float, seed: int) -> Data:
-    """A measurement whose input's column is logged that much before it acts."""
+    """A measurement whose inputs are logged that many seconds before they act."""
     fine, volts = there_and_back(2.0, 1000.0)
     shifted = np.round(np.arange(len(fine)) - 1000.0 * seconds).astype(int)
     acts = volts[np.clip(shifted, 0, len(fine) - 1)]
@@ -89,7 +89,7 @@ def test_an_input_delay_is_recovered_whichever_sign_it_has(delay: float) -> None
     assert np.abs(scores(result)).max() < 3.0
 
 
-def test_a_known_delay_is_taken_as_it_is() -> None:
+def test_a_known_input_delay_is_used_unchanged() -> None:
     data = delayed(0.03, 3)
     outputs = list(data.outputs)
     known, ignored = (
@@ -111,7 +111,7 @@ def test_the_zero_of_a_position_counter_is_recovered(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_place_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) -> None:
+def test_the_angle_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) -> None:
     data = measured(vehicle, model, seed=2, angle_deg=30.0)
     result = estimated(vehicle, model, [*TRUTH], [data], None)
     place = result.initial_states[0]
@@ -124,7 +124,7 @@ def test_the_place_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) 
 
 @pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
 @pytest.mark.parametrize("closing", [False, True])
-def test_a_measurement_that_begins_in_motion_tells_the_same(vehicle: Vehicle, closing: bool, model: str) -> None:
+def test_a_measurement_begun_in_motion_gives_the_truth(vehicle: Vehicle, closing: bool, model: str) -> None:
     times = np.arange(601) / 200.0
     volts = np.where(times < 2.0, 12.0, 6.0) * (-1.0 if closing else 1.0)
     noise = {**NOISE, "left_position_rev": 0.1}
@@ -152,7 +152,7 @@ def test_a_parameter_without_effect_is_not_identifiable(vehicle: Vehicle) -> Non
     assert result.condition_number == math.inf
 
 
-def test_two_parameters_of_one_sum_are_named_together(vehicle: Vehicle) -> None:
+def test_two_parameters_that_act_only_by_their_sum_are_named_together(vehicle: Vehicle) -> None:
     names = ["motor.resistance", "motor.load_torque", "gear.friction_torque"]
     result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
     assert result.inseparable == ("motor.load_torque and gear.friction_torque cannot be separated",)
@@ -164,7 +164,7 @@ def test_two_parameters_of_one_sum_are_named_together(vehicle: Vehicle) -> None:
     assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-5)
 
 
-def test_a_prior_tells_two_parameters_of_one_sum_apart(vehicle: Vehicle) -> None:
+def test_a_prior_separates_two_parameters_that_act_only_by_their_sum(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     torque, force = sought(["motor.load_torque", "gear.friction_torque"])
     force = dataclasses.replace(force, prior=0.6, prior_std=0.01)
@@ -175,7 +175,7 @@ def test_a_prior_tells_two_parameters_of_one_sum_apart(vehicle: Vehicle) -> None
     assert result.parameters[1].std == pytest.approx(0.01, rel=0.05)
 
 
-def test_an_estimate_at_its_bound_says_so(vehicle: Vehicle) -> None:
+def test_an_estimate_at_its_bound_is_marked(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     limited = sought(["motor.resistance"], low=0.6, high=0.75, initial=0.7)
     other = sought(["motor.speed_constant"])
@@ -191,7 +191,7 @@ def test_an_estimate_at_its_bound_says_so(vehicle: Vehicle) -> None:
     assert warning.endswith("no 95 % limit above the estimate: it ends at 0.7500, at the bound of the search")
 
 
-def test_an_estimate_that_says_nothing_says_so(vehicle: Vehicle) -> None:
+def test_an_estimate_that_is_too_uncertain_is_marked(vehicle: Vehicle) -> None:
     noise = {name: 5.0 * std for name, std in NOISE.items()}
     data = measured(vehicle, noise=noise, seed=1, drive=there_and_back(0.1))
     result = estimated(vehicle, "third-order", ["motor.resistance", "motor.load_torque"], [data])
@@ -201,14 +201,14 @@ def test_an_estimate_that_says_nothing_says_so(vehicle: Vehicle) -> None:
     assert math.isfinite(result.parameters[1].std)
 
 
-def test_outputs_that_never_change_tell_nothing(vehicle: Vehicle) -> None:
+def test_outputs_that_never_change_are_refused(vehicle: Vehicle) -> None:
     data = measured(vehicle)
     constant = {name: np.full(len(data.times), 3.0) for name in data.outputs}
     with pytest.raises(NothingToTellError, match="constant from beginning to end"):
         estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=constant)])
 
 
-def test_an_input_that_excites_nothing_tells_nothing(vehicle: Vehicle) -> None:
+def test_inputs_that_excite_no_motion_are_refused(vehicle: Vehicle) -> None:
     # Held by friction without a voltage, whatever is measured is noise.
     times, volts = there_and_back(1.0)
     data = measured(vehicle, seed=1, drive=(times, 0.0 * volts))
@@ -238,7 +238,7 @@ def test_an_input_that_excites_nothing_tells_nothing(vehicle: Vehicle) -> None:
         (2.0, {}, "with inputs half as large it follows (fit 9"),
     ],
 )
-def test_what_the_simulation_does_not_follow_may_have_another_unit_or_sign(
+def test_an_output_in_another_unit_or_sign_is_named_as_the_likely_cause_of_a_misfit(
     voltage: float, change: dict[str, float], said: str
 ) -> None:
     vehicle = true_vehicle()
@@ -251,19 +251,19 @@ def test_what_the_simulation_does_not_follow_may_have_another_unit_or_sign(
     assert "rpm" in said or "rpm" not in str(caught.value)
 
 
-def test_parameters_without_any_effect_tell_nothing(vehicle: Vehicle) -> None:
+def test_parameters_without_any_effect_are_refused(vehicle: Vehicle) -> None:
     names = ["environment.snow_distance", "seal.force"]
     with pytest.raises(NothingToTellError):
         estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
 
 
-def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> None:
+def test_correlated_residuals_widen_the_standard_deviations_to_the_size_of_the_errors() -> None:
     robust, classic = many_seeds.of_coloured_noise(range(8))
     assert 0.7 < math.sqrt(np.mean(robust**2)) < 2.0  # measured 1.6, over 25 seeds 1.3
     assert math.sqrt(np.mean(classic**2)) > 3.0  # measured 5.0
 
 
-def test_correlated_residuals_widen_the_others_beside_a_silent_parameter(vehicle: Vehicle) -> None:
+def test_correlated_residuals_widen_deviations_beside_a_parameter_without_effect(vehicle: Vehicle) -> None:
     names = ["motor.resistance", "motor.speed_constant"]
     data = coloured(measured(vehicle, drive=there_and_back(2.0, 500.0)), 1, 0.9)
     estimate = estimated(vehicle, "third-order", names, [data])
@@ -283,7 +283,7 @@ def test_correlated_residuals_widen_the_others_beside_a_silent_parameter(vehicle
 
 
 def linear(names: list[str], seed: int) -> Problem:
-    """Sensor offset and gain: linear in what is sought."""
+    """Problem with sensor offset and gain as unknowns, in which the output is linear."""
     vehicle = suv("sensors.current_offset=0.1")
     data = measured(vehicle, "second-order", {"left_current_a": 0.5}, seed, sensors=vehicle.sensors)
     return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
@@ -320,7 +320,7 @@ def test_the_profile_of_correlated_residuals_agrees_with_their_standard_deviatio
 
 
 @pytest.mark.parametrize("given_std", [np.array([0.5]), None])
-def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(given_std: np.ndarray | None) -> None:
+def test_a_profile_includes_priors_and_given_noise_as_the_estimate_does(given_std: np.ndarray | None) -> None:
     one = linear(["sensors.current_offset"], 1)
     prior = sought(["sensors.current_offset"], prior=0.1, prior_std=0.02)
     both = dataclasses.replace(one, sought=prior)
@@ -334,7 +334,7 @@ def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(given_std
     assert [profile.low, profile.high] == pytest.approx(interval, abs=close * estimate.std)
 
 
-def test_the_result_tells_its_criteria_from_its_own_figures(vehicle: Vehicle) -> None:
+def test_the_information_criteria_of_a_result_follow_from_its_loss(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     result = estimated(vehicle, "third-order", [*TRUTH], [data])
     rows = len(data.times)
@@ -351,7 +351,7 @@ def test_the_result_tells_its_criteria_from_its_own_figures(vehicle: Vehicle) ->
     assert result.stop_reason.startswith("converged")
 
 
-def test_a_model_without_the_true_effect_loses_by_every_criterion(vehicle: Vehicle) -> None:
+def test_a_model_without_the_true_effect_is_worse_by_every_criterion(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=1)]
     poor = estimated(suv(), "third-order", ["motor.resistance"], data)
     true = estimated(suv(), "third-order", [*TRUTH], data)
@@ -391,14 +391,14 @@ def test_a_validation_changes_no_parameter(vehicle: Vehicle) -> None:
         assert math.isnan(good.fit_before)
 
 
-def test_a_validation_estimates_how_the_measurement_began(vehicle: Vehicle) -> None:
+def test_a_validation_estimates_the_initial_state_of_the_measurement(vehicle: Vehicle) -> None:
     data = later(measured(vehicle, seed=1), 0.5)
     result = validated(Problem(vehicle, "third-order", [], [data], list(data.outputs)))
     for series in result.experiments[0].series:
         assert series.rms == pytest.approx(NOISE[series.output], rel=0.15)
 
 
-def test_two_experiments_make_estimates_surer_by_the_root_of_two(vehicle: Vehicle) -> None:
+def test_two_experiments_reduce_standard_deviations_by_the_square_root_of_two(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=k, name=str(k)) for k in (1, 2)]
     one, both = (estimated(vehicle, "third-order", [*TRUTH], part) for part in (data[:1], data))
     for single, double in zip(one.parameters, both.parameters, strict=True):
@@ -416,7 +416,7 @@ def test_a_worse_model_has_worse_criteria_whether_or_not_the_noise_is_given(give
         assert getattr(bad, criterion) > getattr(good, criterion) + 0.1 * abs(good.fpe)
 
 
-def test_a_delay_that_is_sought_leaves_the_noise_of_the_outputs_correlated() -> None:
+def test_estimating_a_delay_keeps_the_correlation_of_the_outputs_noise() -> None:
     data = delayed(0.03, 4)
     more = {"angle_deg": 20.0, "is_delay_sought": True}
     outputs = list(data.outputs)
@@ -451,13 +451,13 @@ def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None
     assert "left_speed_rps" not in fitted(problem).outputs
 
 
-def test_data_without_noise_are_told_as_such(vehicle: Vehicle) -> None:
+def test_data_without_noise_are_reported_as_such(vehicle: Vehicle) -> None:
     for data, said in ((measured(vehicle), True), (measured(vehicle, seed=1), False)):
         notes = notes_of(estimated(vehicle, "third-order", ["motor.resistance"], [data]))
         assert [each.split(",")[0] for each in notes] == ["the data have no noise"] * said
 
 
-def test_an_output_of_another_scale_that_others_outweigh_is_told(vehicle: Vehicle) -> None:
+def test_an_output_of_wrong_scale_is_warned_of_though_the_other_outputs_fit(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     scaled = with_outputs(data, left_speed_rps=1.6 * data.outputs["left_speed_rps"])
     result = estimated(vehicle, "third-order", ["motor.resistance"], [scaled])

@@ -1,4 +1,4 @@
-"""The scatter of the inputs' stamps: found from the data, and counted in the standard deviations."""
+"""Scatter of the inputs' timestamps: estimated from the data, and included in the standard deviations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.hil.identification.many_seeds import ANGLE_DEG, SCATTERED_TRUTH, SMAL
 from tests.hil.identification.simulated import NOISE, measured, sought, true_vehicle, with_outputs
 
 
-def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter() -> None:
+def test_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, range(3))  # over many: tests/study
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)
@@ -26,7 +26,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter(
     assert math.sqrt(np.mean(found.blind**2)) > 1.6  # measured 2.2
 
 
-def test_stamps_that_do_not_scatter_leave_the_standard_deviations_as_they_are() -> None:
+def test_exact_timestamps_leave_the_standard_deviations_unchanged() -> None:
     data = [stamped(0.0, 1, NOISE)]
     one, other = with_delay(data), with_delay(data, False)
     for a, b in zip(one.parameters, other.parameters, strict=True):
@@ -34,7 +34,7 @@ def test_stamps_that_do_not_scatter_leave_the_standard_deviations_as_they_are() 
         assert a.value == b.value
 
 
-def test_noise_that_two_outputs_share_is_no_scatter() -> None:
+def test_noise_shared_by_two_outputs_is_not_taken_for_timestamp_scatter() -> None:
     # Both sensors show the same error, as counts of two drives that move alike do.
     data = stamped(0.0, 2)
     twin = {"right_current_a": data.outputs["left_current_a"], **data.outputs}
@@ -43,14 +43,14 @@ def test_noise_that_two_outputs_share_is_no_scatter() -> None:
     assert result.input_jitter < 5e-5
 
 
-def test_the_scatter_is_reported_with_the_covariance() -> None:
+def test_the_timestamp_scatter_is_reported_with_the_covariance() -> None:
     result = with_delay([stamped(0.0015, 3)])
     said = f"the inputs' timestamps scatter by {1e3 * result.input_jitter:.2g} ms"
     assert result.covariance_kind.endswith(said)
     assert "scatter" not in with_delay([stamped(0.0015, 3)], False).covariance_kind
 
 
-def test_inputs_that_never_change_have_no_scatter() -> None:
+def test_inputs_that_never_change_have_no_timestamp_scatter() -> None:
     data = stamped(0.0, 4, NOISE)
     inputs = np.repeat(data.inputs[:1], len(data.times), axis=0)
     inputs[:, :2] = 12.0
@@ -58,7 +58,7 @@ def test_inputs_that_never_change_have_no_scatter() -> None:
     assert with_delay([still]).input_jitter == 0.0
 
 
-def test_of_too_many_changes_the_first_tell_the_scatter_and_chance_the_rest(
+def test_the_scatter_is_estimated_from_a_subset_of_very_many_input_changes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     data = [stamped(0.0015, seed) for seed in (5, 6)]
@@ -71,7 +71,7 @@ def test_of_too_many_changes_the_first_tell_the_scatter_and_chance_the_rest(
         assert b.std / a.std == pytest.approx(fewer.input_jitter / whole.input_jitter, rel=0.25)
 
 
-def test_unknowns_that_cannot_be_distinguished_leave_the_scatter_as_it_is() -> None:
+def test_the_scatter_estimate_does_not_suffer_from_inseparable_parameters() -> None:
     data = stamped(0.0015, 7)
     names = ["motor.resistance", "motor.load_torque"]
     found = []
@@ -84,7 +84,7 @@ def test_unknowns_that_cannot_be_distinguished_leave_the_scatter_as_it_is() -> N
     assert found[1].input_jitter == pytest.approx(found[0].input_jitter, rel=0.02)
 
 
-def test_frames_of_one_cycle_move_together() -> None:
+def test_frames_of_one_cycle_share_their_timestamp_error() -> None:
     # The right drive's command comes a quarter of a millisecond after the left one's.
     data = stamped(0.0, 8)
     rows = changes_of(data)
@@ -102,7 +102,7 @@ def test_frames_of_one_cycle_move_together() -> None:
     assert len(jitter._Moves(problem, problem.initial).changes) == len(rows) - 1
 
 
-def test_noise_that_is_correlated_in_time_is_no_great_scatter() -> None:
+def test_noise_correlated_in_time_is_not_taken_for_a_large_timestamp_scatter() -> None:
     # No command waits longer than until the next one.
     data = stamped(0.0, 9, NOISE)
     rng = np.random.default_rng(9)

@@ -1,4 +1,4 @@
-"""Estimates within what a vehicle file may hold, whatever check says so."""
+"""Estimates stay within what the checks of a vehicle file allow."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ ENERGY = 2.0 * math.pi / 1.01  # speed constant over torque constant, at least
 
 
 def strong(factor: float = 1.03):
-    """A gate whose motors make energy, as measurements with a current or a speed that is off look."""
+    """A vehicle whose motor constants make energy, as a current or speed of wrong scale would suggest."""
     vehicle = suv()
     constant = factor * vehicle.left.motor.speed_constant / (2.0 * math.pi)
     return with_value(vehicle, find_parameter(vehicle, "motor.torque_constant"), constant)
 
 
 def checked(vehicle: Vehicle, names: list[str], data: Data) -> Problem:
-    """A problem whose search may only go where a vehicle file may."""
+    """A problem whose search is limited to vehicles that a vehicle file may hold."""
     known = sought(names, vehicle)
     return Problem(vehicle, "third-order", known, [data], [*data.outputs], 20.0, refused_by=issues_with)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_a_step_is_the_least_within_bounds_and_half_spaces(seed: int) -> None:
+def test_a_step_minimizes_within_bounds_and_half_spaces(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count, limits = int(rng.integers(2, 6)), int(rng.integers(1, 3))
     root = rng.standard_normal((count + 3, count))
@@ -62,8 +62,8 @@ def test_a_step_is_the_least_within_bounds_and_half_spaces(seed: int) -> None:
     assert step == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_step_follows_a_curved_limit() -> None:
-    """From within a circle to the point of it that is nearest to what lies outside."""
+def test_a_step_ends_at_the_nearest_point_of_a_curved_limit() -> None:
+    """From inside a circle to its point nearest to the unconstrained step."""
     goal, radius = np.array([3.0, 1.0]), 0.8
     x, far = np.zeros(2), np.full(2, 9.0)
     for _ in range(8):
@@ -73,13 +73,13 @@ def test_a_step_follows_a_curved_limit() -> None:
     assert np.linalg.norm(x) <= radius
 
 
-def test_a_limit_without_a_slope_stops_a_step_before_it() -> None:
-    """As a check that allows 0 and 1 only."""
+def test_a_step_stops_before_a_limit_that_has_no_slope() -> None:
+    """The check allows 0 and 1 only."""
     step = step_within_limits(np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones(2), lambda x: not np.any(x))
     assert step.tolist() == [0.0, 0.0]
 
 
-def test_the_motor_constants_that_are_found_make_no_energy() -> None:
+def test_the_estimated_motor_constants_do_not_create_energy() -> None:
     vehicle, names = suv(), ["motor.torque_constant", "motor.speed_constant", "motor.resistance"]
     data = measured(strong(), seed=1)
     problem = checked(vehicle, names, data)
@@ -102,14 +102,14 @@ def test_the_motor_constants_that_are_found_make_no_energy() -> None:
     assert least < min(others)
 
 
-def test_a_single_constant_at_its_limit_is_not_identified_by_the_data() -> None:
+def test_a_single_motor_constant_at_its_limit_is_reported_as_not_identified() -> None:
     vehicle = suv()
     data = measured(strong(), seed=1)
     with pytest.raises(NothingToTellError, match=r"at a limit for valid vehicles: .* energy"):
         fitted(checked(vehicle, ["motor.torque_constant"], data))
 
 
-def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
+def test_a_geometry_without_a_lever_arm_limits_the_search_too() -> None:
     """Any check counts: here that of the geometry, by a coordinate of a point."""
     vehicle = vehicle_from("suv")
     parameter = find_parameter(vehicle, "gate.inertia")
@@ -127,13 +127,13 @@ def test_a_lever_that_would_vanish_is_a_limit_as_well() -> None:
     assert resistance.identifiable
 
 
-def test_a_search_that_would_begin_at_what_is_refused_says_so() -> None:
+def test_a_search_from_a_vehicle_that_the_checks_refuse_is_an_error() -> None:
     with pytest.raises(ValueError, match="makes energy"):
         fitted(checked(strong(), ["motor.resistance"], measured(suv(), seed=1)))
 
 
-def test_limits_that_are_not_met_change_nothing() -> None:
-    """Neither steps nor how many simulations they take."""
+def test_limits_that_are_not_reached_change_neither_steps_nor_number_of_simulations() -> None:
+    """The unlimited search has equal estimates and as many simulations."""
     problem = checked(suv(), ["motor.resistance"], measured(suv("motor.resistance=0.8"), seed=2))
     free = dataclasses.replace(problem, refused_by=lambda vehicle: ())
     one, other = fitted(problem), fitted(free)

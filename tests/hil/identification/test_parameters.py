@@ -1,4 +1,4 @@
-"""Every number of a vehicle file is found by its name there, in the file's unit."""
+"""Every number of a vehicle file is a parameter under its key there, in the file's unit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.plant.runs import suv, tables
 
 
 def numbers(raw: dict[str, Any]) -> Iterator[tuple[str, float]]:
-    """(key, value) of a file's tables; a point's coordinates one by one."""
+    """(key, value) of the numbers in a file's tables; a point's coordinates one by one."""
     for table, content in raw.items():
         if table == "spread":
             continue
@@ -37,7 +37,7 @@ def numbers(raw: dict[str, Any]) -> Iterator[tuple[str, float]]:
 FILE = dict(numbers(tables()))
 
 
-def test_the_file_has_many_numbers() -> None:
+def test_the_tested_vehicle_file_has_many_numbers() -> None:
     assert len(FILE) > 35
 
 
@@ -72,7 +72,7 @@ def test_angles_are_degrees_in_the_file_and_radians_in_the_vehicle() -> None:
     assert with_value(vehicle, warm, -10.0).environment.ambient_temperature == -10.0
 
 
-def test_a_side_changes_that_drive_alone_and_no_side_both() -> None:
+def test_a_parameter_with_a_side_changes_one_drive_and_without_a_side_both() -> None:
     vehicle = suv()
     both = find_parameter(vehicle, "motor.resistance")
     left, right = (find_parameter(vehicle, f"{side}.motor.resistance") for side in ("left", "right"))
@@ -87,7 +87,7 @@ def test_a_side_changes_that_drive_alone_and_no_side_both() -> None:
     assert same_on_both_sides(three, both)
 
 
-def test_a_points_coordinates_are_parameters_of_their_own() -> None:
+def test_each_coordinate_of_a_point_is_a_separate_parameter() -> None:
     vehicle = suv()
     changed = with_value(vehicle, find_parameter(vehicle, "gate.gravity_point[1]"), -0.5)
     assert changed.gate.gravity_point == (0.30, -0.5)
@@ -108,13 +108,13 @@ def test_a_points_coordinates_are_parameters_of_their_own() -> None:
         ("drives", "motor.resistance"),
     ],
 )
-def test_an_unknown_name_is_refused_with_what_is_allowed(name: str, allowed: str) -> None:
+def test_an_unknown_parameter_name_is_refused_with_the_allowed_ones(name: str, allowed: str) -> None:
     with pytest.raises(ValueError) as failure:
         find_parameter(suv(), name)
     assert "allowed: " in str(failure.value)
     assert allowed in str(failure.value)
 
 
-def test_a_gate_of_one_drive_has_no_sides() -> None:
+def test_parameters_of_a_gate_with_one_drive_have_no_sides() -> None:
     with pytest.raises(ValueError, match=r"allowed: motor\.resistance"):
         find_parameter(vehicle_from("compact"), "right.motor.resistance")

@@ -1,4 +1,4 @@
-"""The prediction of what was measured, its derivative, and how counts are compared."""
+"""Prediction of the measured outputs, its derivative, and the comparison of counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.plant.runs import suv
 
 
 def of(data: list[Data], names: list[str], **more: object) -> Problem:
-    """On the third-order model from 20 degrees."""
+    """Problem with the third-order model, started at 20 degrees."""
     return Problem(suv(), "third-order", sought(names), data, list(data[0].outputs), 20.0, **more)
 
 
@@ -26,7 +26,7 @@ def test_the_prediction_at_the_truth_is_the_measurement() -> None:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
-def test_the_derivative_is_that_of_the_prediction(model: str) -> None:
+def test_the_derivative_agrees_with_difference_quotients_of_the_prediction(model: str) -> None:
     problem = dataclasses.replace(of([measured(suv())], [*TRUTH]), model=model)
     at = problem.initial
     slopes = problem.derivative(at)
@@ -43,7 +43,7 @@ def test_the_derivative_is_that_of_the_prediction(model: str) -> None:
         assert np.quantile(off, 0.95) < 1e-5
 
 
-def test_the_derivative_at_a_bound_looks_inside() -> None:
+def test_the_derivative_at_a_bound_is_taken_from_inside_the_bounds() -> None:
     problem = of([measured(suv())], ["motor.load_torque"])
     low = np.array([0.0])
     inside = problem.derivative(low)
@@ -51,7 +51,7 @@ def test_the_derivative_at_a_bound_looks_inside() -> None:
     assert np.abs(inside).max() > 0.0
 
 
-def test_counts_are_compared_half_way_between_two_that_differ() -> None:
+def test_counts_are_compared_at_the_middle_between_two_differing_counts() -> None:
     data = measured(suv(), noise={"left_position_rev": 0.0})
     count = len(data.times)
     values = np.full(count, np.nan)
@@ -76,14 +76,14 @@ def test_counts_of_one_experiment_are_not_compared_with_those_of_another() -> No
     assert not np.any(np.isfinite(problem.measured))
 
 
-def test_a_position_that_is_no_count_is_compared_as_it_is() -> None:
+def test_a_position_that_is_no_count_is_compared_at_every_sample() -> None:
     values = 0.25 * np.arange(401.0)
     values[7] += 0.01
     data = dataclasses.replace(measured(suv()), outputs={"left_position_rev": values})
     assert of([data], []).measured[:, 0] == pytest.approx(values)
 
 
-def test_the_counts_are_those_of_the_vehicles_sensor() -> None:
+def test_counts_have_the_resolution_of_the_vehicles_sensor() -> None:
     values = np.floor(np.arange(401.0) / 3.0) / 6.0
     data = dataclasses.replace(measured(suv()), outputs={"left_position_rev": values})
     outputs = ["left_position_rev"]
@@ -94,7 +94,7 @@ def test_the_counts_are_those_of_the_vehicles_sensor() -> None:
     assert int(np.sum(np.isfinite(six.measured))) == 133
 
 
-def test_unknowns_of_all_experiments_stand_behind_the_parameters() -> None:
+def test_the_initial_states_of_all_experiments_follow_the_parameters_in_the_vector() -> None:
     data = [measured(suv(), noise=NOISE, seed=k, name=str(k)) for k in (1, 2)]
     problem = Problem(suv(), "third-order", sought([*TRUTH][:2]), data, [*NOISE], None)
     assert [(each.experiment, each.name) for each in problem.unknowns] == [
@@ -135,7 +135,7 @@ def test_a_winding_in_motion_begins_with_its_steady_current() -> None:
     assert problem.predicted(at)[0, 0] > 0.1
 
 
-def test_samples_that_inputs_not_measured_drive_are_not_compared() -> None:
+def test_samples_driven_by_inputs_outside_the_measurement_are_not_compared() -> None:
     data = measured(suv())
     end = data.times[-1]
 
@@ -155,14 +155,14 @@ def test_samples_that_inputs_not_measured_drive_are_not_compared() -> None:
     assert len(compared(is_delay_sought=True)) == 33
 
 
-def test_the_rows_at_which_inputs_change() -> None:
+def test_the_rows_at_which_inputs_change_are_found() -> None:
     data = measured(suv(), drive=(np.arange(6) / 200.0, np.array([1.0, 1.0, 2.0, 2.0, 1.0, 1.0])))
     inputs = data.inputs.copy()
     inputs[:, AT.supply_voltage_v] = [np.nan, np.nan, np.nan, 12.0, 12.0, np.nan]
     assert list(changes_of(dataclasses.replace(data, inputs=inputs))) == [0, 2, 3, 4, 5]
 
 
-def test_one_change_may_come_later_than_the_others() -> None:
+def test_a_single_input_change_can_be_delayed() -> None:
     data = measured(suv())  # 12 V, 0 V from 1 s on, -9 V from 1.2 s on
     problem = of([data, data], [])
     at, half = np.array([]), len(data.times)
@@ -176,7 +176,7 @@ def test_one_change_may_come_later_than_the_others() -> None:
     assert shifted[half:, 1] == pytest.approx(of([data, data], [], delay=0.05).predicted(at)[half:, 1])
 
 
-def test_each_experiment_may_begin_at_an_angle_of_its_own() -> None:
+def test_each_experiment_can_have_its_own_initial_angle() -> None:
     low, high = (measured(suv(), angle_deg=angle) for angle in (20.0, 60.0))
     problem = Problem(suv(), "third-order", [], [low, high], [*NOISE], [20.0, 60.0])
     assert problem.unknowns == []

@@ -1,4 +1,4 @@
-"""Residuals by phase of the motion, and slopes of what was measured."""
+"""Residuals by phase of the motion, and speeds as slopes of measured positions."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def phases(volts: np.ndarray, times: np.ndarray, angle_deg: float = 0.0, model: 
 
 
 def runs(names: list[str]) -> list[str]:
-    """Names without repetition."""
+    """Names of phases in order, without repetitions."""
     return [name for k, name in enumerate(names) if k == 0 or names[k - 1] != name]
 
 
-def test_an_opening_rests_rushes_in_travels_and_meets_its_stop() -> None:
+def test_the_phases_of_an_opening_are_rest_inrush_travel_and_end_stop() -> None:
     times = np.arange(6501) * 1e-3
     volts = np.where(times < 0.2, 0.0, 12.0)
     found = phases(volts, times, 5.0)
@@ -39,7 +39,7 @@ def test_an_opening_rests_rushes_in_travels_and_meets_its_stop() -> None:
     assert found[349:351] == ["inrush", "travel"]
 
 
-def test_a_reversal_crosses_the_play() -> None:
+def test_a_reversal_has_a_phase_of_crossing_the_play() -> None:
     times = np.arange(1501) * 1e-3
     volts = np.select([times < 0.6, times < 0.9], [12.0, 0.0], -9.0)
     found = phases(volts, times, 20.0)
@@ -50,21 +50,21 @@ def test_a_reversal_crosses_the_play() -> None:
     assert 5 < len(crossing) < 60
 
 
-def test_a_change_of_voltage_that_keeps_its_sign_is_no_inrush_and_none_is_rest() -> None:
+def test_a_voltage_change_of_equal_sign_is_no_inrush_and_zero_voltage_is_rest() -> None:
     times = np.arange(1501) * 1e-3
     volts = np.where(times < 0.7, 12.0, 6.0)
     assert runs(phases(volts, times, 20.0)) == ["inrush", "travel"]
     assert runs(phases(0.0 * volts, times, 20.0, "third-order")) == ["rest"]
 
 
-def test_a_closing_against_the_seal_ends_in_its_stop() -> None:
+def test_a_closing_against_the_seal_ends_in_the_end_stop_phase() -> None:
     times = np.arange(4001) * 1e-3
     found = phases(np.full(len(times), -12.0), times, 20.0)
     assert runs(found)[:2] == ["inrush", "travel"]
     assert found[-1] == "end stop"
 
 
-def test_a_series_tells_size_by_phase_and_leaves_out_missing_samples() -> None:
+def test_residuals_are_sized_by_phase_without_missing_samples() -> None:
     times = np.arange(6) * 0.1
     frame = Frame(times, np.ones(6), np.array([0, 0, 1, 1, 2, 2]))
     simulated = np.zeros(6)
@@ -86,7 +86,7 @@ def test_a_series_tells_size_by_phase_and_leaves_out_missing_samples() -> None:
     )
 
 
-def test_the_slope_of_a_parabola_is_exact_within_and_biased_at_the_ends() -> None:
+def test_the_slope_of_a_parabola_is_exact_inside_and_biased_at_its_ends() -> None:
     times = np.arange(501) * 2e-3
     values = 3.0 + 2.0 * times - 5.0 * times**2
     slope = local_slope(times, values)
@@ -95,7 +95,7 @@ def test_the_slope_of_a_parabola_is_exact_within_and_biased_at_the_ends() -> Non
     assert slope[0] == pytest.approx(2.0 - 10.0 * 0.025, abs=1e-9)
 
 
-def test_the_slope_is_that_of_least_squares_on_uneven_times_far_from_zero() -> None:
+def test_slopes_at_uneven_times_far_from_zero_agree_with_least_squares() -> None:
     rng = np.random.default_rng(1)
     times = 1e5 + np.sort(rng.uniform(0.0, 1.0, 300))
     values = 1e6 + rng.standard_normal(300)
@@ -108,7 +108,7 @@ def test_the_slope_is_that_of_least_squares_on_uneven_times_far_from_zero() -> N
     assert np.all(local_slope(lonely, 5.0 * lonely) == 0.0)  # no other sample in the window
 
 
-def test_the_slope_of_counts_is_the_speed() -> None:
+def test_the_slope_of_hall_counts_is_the_speed() -> None:
     times = np.arange(2001) * 1e-3
     position = 40.0 * times + 10.0 * times**2
     counts = np.floor(4.0 * position + 0.5) / 4.0
@@ -118,7 +118,7 @@ def test_the_slope_of_counts_is_the_speed() -> None:
     assert abs(np.mean(slope - (40.0 + 20.0 * times)[60:-60])) < 0.02
 
 
-def test_the_speed_of_a_measured_position_is_compared_with_that_of_the_simulated_one() -> None:
+def test_speeds_derived_from_measured_and_simulated_positions_are_compared() -> None:
     times = np.arange(401) * 5e-3
     position = 100.0 * times
     position[7] = np.nan
@@ -132,7 +132,7 @@ def test_the_speed_of_a_measured_position_is_compared_with_that_of_the_simulated
     assert series.phases["travel"][2] == 400
 
 
-def test_an_error_that_is_the_datas_rounding_is_distinguished_from_one_that_is_not() -> None:
+def test_residuals_explained_by_the_datas_rounding_are_marked_as_rounding() -> None:
     times = np.arange(2000) * 1e-3
     frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
     model = 3.0 * np.sin(0.7 * times)
@@ -146,7 +146,7 @@ def test_an_error_that_is_the_datas_rounding_is_distinguished_from_one_that_is_n
     assert (plain.is_white, plain.excuse) == (False, "")
 
 
-def test_slopes_of_overlapping_stretches_are_never_blamed_on_the_model() -> None:
+def test_coloured_residuals_of_derived_speeds_are_not_blamed_on_the_model() -> None:
     times = np.arange(2000) * 1e-3
     frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
     noise = 0.1 * np.random.default_rng(1).standard_normal(2000)

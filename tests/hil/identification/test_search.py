@@ -1,4 +1,4 @@
-"""The search finds the least of the determinant criterion, within bounds and with what is known beforehand."""
+"""The search minimizes the determinant criterion, within bounds and with priors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tests.plant.runs import suv
 
 
 def problem(names: list[str], data: list[Data], model: str = "third-order", **more: Any) -> Problem:
-    """From rest at 20 degrees."""
+    """Problem with the third-order model from rest at 20 degrees."""
     limits = more.pop("limits", {})
     vehicle = more.pop("vehicle", true_vehicle())
     outputs = list(dict.fromkeys(name for each in data for name in each.outputs))
@@ -57,7 +57,7 @@ def test_several_experiments_are_fitted_together() -> None:
     assert len(found.errors) == 3 * len(data[0].times)
 
 
-def test_the_least_determinant_is_the_largest_likelihood() -> None:
+def test_the_smallest_determinant_is_the_largest_likelihood() -> None:
     # Correlated noise on two outputs of unlike size: brute force over parameters and covariance together.
     names = ["motor.resistance", "motor.speed_constant"]
     clean = measured(true_vehicle(), noise={"left_current_a": 0.0, "left_speed_rps": 0.0})
@@ -97,7 +97,7 @@ def test_the_loss_is_the_determinant_of_the_errors_covariance() -> None:
     assert found.errors == pytest.approx(errors)
 
 
-def test_outputs_that_are_not_sampled_together_count_by_their_own_samples() -> None:
+def test_outputs_never_sampled_together_are_weighted_by_their_own_samples() -> None:
     data = measured(true_vehicle(), seed=4)
     speed = data.outputs["left_speed_rps"].copy()
     speed[np.arange(len(speed)) % 4 != 0] = np.nan
@@ -113,7 +113,7 @@ def test_outputs_that_are_not_sampled_together_count_by_their_own_samples() -> N
     assert deviance == pytest.approx(float(np.sum(there.sum(axis=0) * np.log(expected))))
 
 
-def test_missing_samples_and_other_rasters_leave_the_truth() -> None:
+def test_missing_samples_and_slower_rasters_do_not_bias_the_estimates() -> None:
     rng = np.random.default_rng(6)
     clean = measured(true_vehicle())
     outputs = {}
@@ -127,14 +127,14 @@ def test_missing_samples_and_other_rasters_leave_the_truth() -> None:
     assert found.point == pytest.approx([*TRUTH.values()], rel=1e-7)
 
 
-def test_an_output_that_one_experiment_lacks_is_taken_from_the_other() -> None:
+def test_an_output_missing_in_one_experiment_is_used_from_the_other() -> None:
     first = measured(true_vehicle(), noise={"left_current_a": 0.0}, name="current")
     second = measured(true_vehicle(), noise={"left_speed_rps": 0.0}, name="speed")
     found = search(problem([*TRUTH][:2], [first, second]))
     assert found.point == pytest.approx([*TRUTH.values()][:2], rel=1e-7)
 
 
-def test_a_bound_holds_where_the_truth_lies_beyond_it_and_a_start_at_one_still_moves() -> None:
+def test_a_bound_holds_if_the_truth_is_beyond_it_and_a_search_can_start_at_one() -> None:
     limits = {"low": 0.6, "high": 0.75, "initial": 0.7}
     found = search(problem(["motor.resistance"], [measured(true_vehicle(), seed=1)], limits=limits))
     assert found.point[0] == pytest.approx(0.75, abs=1e-9)
@@ -144,7 +144,7 @@ def test_a_bound_holds_where_the_truth_lies_beyond_it_and_a_start_at_one_still_m
     assert found.point[0] == pytest.approx(0.8, rel=1e-7)
 
 
-def test_a_strong_prior_wins_and_a_weak_one_loses() -> None:
+def test_a_strong_prior_determines_the_estimate_and_a_weak_one_does_not() -> None:
     data = [measured(true_vehicle(), seed=1)]
     strong, weak, none = (
         search(problem(["motor.resistance"], data, limits=limits)).point[0]
@@ -155,7 +155,7 @@ def test_a_strong_prior_wins_and_a_weak_one_loses() -> None:
 
 
 def linear(seed: int, **limits: float) -> Problem:
-    """The offset of a current sensor: the output is linear in what is sought."""
+    """Problem with the offset of a current sensor as unknown, in which the output is linear."""
     vehicle = suv("sensors.current_offset=0.1")
     data = measured(vehicle, noise={"left_current_a": 0.5}, seed=seed, sensors=vehicle.sensors)
     return Problem(
@@ -174,7 +174,7 @@ def test_a_prior_is_the_gaussian_update_of_a_linear_problem() -> None:
     assert abs(mean - np.mean(residual)) > 0.05  # the prior counts
 
 
-def test_given_noise_weighs_as_it_says() -> None:
+def test_outputs_are_weighted_by_the_given_noise() -> None:
     data = measured(true_vehicle(), seed=2)
     given = np.array([0.05, 0.5, 0.1])
     one = problem([*TRUTH][:2], [data])
@@ -187,7 +187,7 @@ def test_given_noise_weighs_as_it_says() -> None:
     assert np.all(np.abs(gradient) < 1e-2 * np.sqrt(curvature))
 
 
-def test_what_is_fixed_stays() -> None:
+def test_fixed_unknowns_keep_their_values_in_a_search() -> None:
     one = problem([*TRUTH][:2], [measured(true_vehicle())])
     begin = one.initial
     found = search(one, begin=begin, fixed=(1,))
@@ -202,7 +202,7 @@ def test_what_is_fixed_stays() -> None:
         (["motor.resistance", "motor.load_torque"], "gear.friction_torque", 1),  # of one sum with the last
     ],
 )
-def test_what_tells_nothing_does_not_lead_the_search_astray(names: list[str], added: str, known: int) -> None:
+def test_a_parameter_without_effect_does_not_disturb_the_search(names: list[str], added: str, known: int) -> None:
     data = [measured(true_vehicle(), seed=1)]
     alone, beside = (search(problem(each, data)) for each in (names, [*names, added]))
     assert beside.point[:known] == pytest.approx(alone.point[:known], rel=1e-6)
@@ -210,7 +210,7 @@ def test_what_tells_nothing_does_not_lead_the_search_astray(names: list[str], ad
     assert beside.weighting.loss == pytest.approx(alone.weighting.loss, rel=1e-6)
 
 
-def test_the_history_tells_of_each_iteration() -> None:
+def test_the_history_has_the_loss_of_each_iteration() -> None:
     told: list[tuple[int, float, float]] = []
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
     found = search(one, lambda *values: told.append(values))
@@ -219,7 +219,7 @@ def test_the_history_tells_of_each_iteration() -> None:
     assert all(later <= earlier * (1.0 + 1e-9) for earlier, later in itertools.pairwise(found.history))
 
 
-def test_a_prediction_that_diverges_counts_as_far_away() -> None:
+def test_a_diverging_prediction_has_a_large_loss() -> None:
     values = np.array([[1.0], [np.nan]])
     errors = errors_of(values, np.array([[np.inf], [2.0]]))
     assert errors[0, 0] < -1e5
@@ -235,7 +235,7 @@ def test_a_weighting_whitens_correlated_errors() -> None:
     assert weighting.root @ weighting.root.T == pytest.approx(np.linalg.inv(weighting.covariance), rel=1e-8)
 
 
-def test_sensors_are_applied_to_data_that_come_through_them_alone() -> None:
+def test_sensor_gains_apply_only_to_data_read_through_sensors() -> None:
     vehicle = suv("sensors.current_gain=1.2")
     data = measured(vehicle, noise=NOISE, sensors=vehicle.sensors)
     names = ["sensors.current_gain", "motor.resistance"]
@@ -248,8 +248,8 @@ def test_sensors_are_applied_to_data_that_come_through_them_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_outputs_that_go_together_have_a_loss_that_says_which_errors_are_smaller(seed: int):
-    """As of two drives that are alike to the last digit: the covariance of their errors is singular."""
+def test_the_loss_of_identical_outputs_still_ranks_smaller_errors(seed: int):
+    """Two drives alike to the last digit: the covariance of their errors is singular."""
     one = np.random.default_rng(seed).normal(size=(500, 3)) * [1.0, 1e-3, 1e-6]
     alike = np.repeat(one, 2, axis=1)
     losses, deviances = [], []

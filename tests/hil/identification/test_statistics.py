@@ -1,4 +1,4 @@
-"""Uncertainties and criteria against closed forms, numpy and many drawings."""
+"""Uncertainties and criteria agree with closed forms, numpy and many random draws."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from liftgate_hil.identification.statistics import (
 
 
 def autoregressive(rng: np.random.Generator, count: int, share: float) -> np.ndarray:
-    """First-order, of variance one."""
+    """First-order autoregressive noise of variance one."""
     white = math.sqrt(1.0 - share**2) * rng.standard_normal(count)
     noise = np.empty(count)
     noise[0] = rng.standard_normal()
@@ -60,7 +60,7 @@ def test_a_regular_information_has_its_inverse() -> None:
     assert known.condition == pytest.approx(np.linalg.cond(unit))
 
 
-def test_an_unknown_without_information_is_silent() -> None:
+def test_an_unknown_without_information_is_reported_as_without_effect() -> None:
     known = uncertainty(np.diag([4.0, 0.0, 1.0]))
     assert known.silent == (1,)
     assert np.diag(known.covariance) == pytest.approx([0.25, math.inf, 1.0])
@@ -72,7 +72,7 @@ def test_an_unknown_without_information_is_silent() -> None:
     assert nothing.condition == math.inf
 
 
-def test_a_factor_between_courses_is_a_scale_and_no_offset() -> None:
+def test_a_scale_between_two_signals_is_found_and_an_offset_is_not_taken_for_one() -> None:
     rest = 60.0 + np.sin(np.linspace(0.0, 6.0, 500))
     for factor in (2.5, -0.4):
         assert factor_between(factor * rest, rest, 0.98) == pytest.approx(factor)
@@ -82,7 +82,7 @@ def test_a_factor_between_courses_is_a_scale_and_no_offset() -> None:
     assert factor_between(rest, np.zeros(500), 0.98) is None
 
 
-def test_an_exactly_collinear_pair_is_named_and_the_rest_stays_known() -> None:
+def test_an_exactly_collinear_pair_is_named_and_other_unknowns_stay_identifiable() -> None:
     rng = np.random.default_rng(3)
     slopes = rng.standard_normal((40, 4))
     slopes[:, 3] = -7e5 * slopes[:, 1] * (1.0 + 1e-9 * rng.standard_normal(40))
@@ -104,14 +104,14 @@ def test_an_exactly_collinear_pair_is_named_and_the_rest_stays_known() -> None:
         ([*np.eye(30).tolist(), [1] * 20 + [0] * 10], ((*range(20), 30),)),
     ],
 )
-def test_what_is_in_one_sum_is_named_whole_and_once(columns: list[list[float]], apart: tuple) -> None:
+def test_all_unknowns_of_a_sum_are_named_together_and_once(columns: list[list[float]], apart: tuple) -> None:
     weights = np.array(columns, dtype=float)
     slopes = np.random.default_rng(4).standard_normal((90, weights.shape[1])) @ weights.T
     assert uncertainty(slopes.T @ slopes).apart == apart
     assert named(((0, 1, 2),), "abcd") == ["a, b and c cannot be separated"]
 
 
-def test_a_nearly_collinear_pair_is_still_distinguished() -> None:
+def test_a_nearly_collinear_pair_counts_as_separable() -> None:
     rng = np.random.default_rng(5)
     slopes = rng.standard_normal((4000, 2))
     slopes[:, 1] = slopes[:, 0] + 1e-3 * slopes[:, 1]
@@ -121,7 +121,7 @@ def test_a_nearly_collinear_pair_is_still_distinguished() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
-def test_the_robust_covariance_is_what_many_drawings_show(share: float) -> None:
+def test_the_robust_covariance_agrees_with_many_random_draws(share: float) -> None:
     # A trend and a slow wave under autoregressive noise, fitted by least squares as if it were white.
     rng = np.random.default_rng(6)
     count, drawings = 1000, 400
@@ -155,7 +155,7 @@ def test_the_robust_covariance_does_not_depend_on_units() -> None:
     assert scaled * np.outer(units, units) == pytest.approx(plain)
 
 
-def test_rows_without_samples_and_outputs_that_take_turns_hide_no_correlation() -> None:
+def test_correlation_is_found_despite_rows_without_samples_and_alternating_outputs() -> None:
     rng = np.random.default_rng(8)
     scores = np.column_stack([autoregressive(rng, 1000, 0.9) for _ in range(2)])
     times = np.arange(1000) / 200.0
@@ -177,7 +177,7 @@ def test_rows_without_samples_and_outputs_that_take_turns_hide_no_correlation() 
     assert found == pytest.approx(np.diag(plain), rel=0.1)
 
 
-def test_experiments_have_nothing_to_do_with_each_other() -> None:
+def test_no_correlation_is_assumed_between_experiments() -> None:
     rng = np.random.default_rng(9)
     one, other = (autoregressive(rng, 500, 0.9)[:, None] for _ in range(2))
     apart = [robust_covariance([each], np.eye(1), np.zeros(1)) for each in (one, other)]
@@ -187,7 +187,7 @@ def test_experiments_have_nothing_to_do_with_each_other() -> None:
     assert turned == pytest.approx(both, rel=1e-9)
 
 
-def test_the_pseudo_inverse_leaves_out_what_cannot_be_identified() -> None:
+def test_the_pseudo_inverse_leaves_out_unidentifiable_directions() -> None:
     rng = np.random.default_rng(11)
     slopes = rng.standard_normal((40, 3))
     twin = np.column_stack([slopes, slopes[:, 0], np.zeros(40)])
@@ -197,7 +197,7 @@ def test_the_pseudo_inverse_leaves_out_what_cannot_be_identified() -> None:
     assert np.max(np.abs(found)) < 10.0 * np.max(alone)
 
 
-def test_white_noise_is_seldom_called_coloured() -> None:
+def test_white_noise_rarely_fails_the_whiteness_test() -> None:
     rng = np.random.default_rng(8)
     alarms = sum(not is_white(rng.standard_normal(500)) for _ in range(2000))
     # One in a thousand, a little more because the statistic's tail is heavier than that of χ².
@@ -205,7 +205,7 @@ def test_white_noise_is_seldom_called_coloured() -> None:
 
 
 @pytest.mark.parametrize("lags", [5, 25])
-def test_the_white_test_is_that_of_ljung_and_box(lags: int) -> None:
+def test_the_whiteness_test_agrees_with_ljung_and_box(lags: int) -> None:
     rng = np.random.default_rng(9)
     seen = set()
     for share in np.linspace(0.0, 0.3, 31):
@@ -218,20 +218,20 @@ def test_the_white_test_is_that_of_ljung_and_box(lags: int) -> None:
     assert seen == {True, False}
 
 
-def test_coloured_noise_is_outlined_so_and_a_handful_of_residuals_is_not_judged() -> None:
+def test_coloured_noise_is_not_white_and_too_few_residuals_count_as_white() -> None:
     rng = np.random.default_rng(10)
     assert not any(is_white(autoregressive(rng, 500, 0.4)) for _ in range(50))
     assert is_white(np.array([1.0, -1.0, 2.0]))
 
 
-def test_the_autocorrelation_is_numpys() -> None:
+def test_the_autocorrelation_agrees_with_numpy() -> None:
     errors = autoregressive(np.random.default_rng(11), 300, 0.5) + 3.0
     centred = errors - errors.mean()
     whole = np.correlate(centred, centred, "full")[299:]
     assert autocorrelation(errors, 30) == pytest.approx(whole[:31] / whole[0])
 
 
-def test_the_crosscorrelation_is_numpys() -> None:
+def test_the_crosscorrelation_agrees_with_numpy() -> None:
     rng = np.random.default_rng(12)
     errors, inputs = rng.standard_normal(300), rng.standard_normal(300) + 5.0
     e, u = errors - errors.mean(), inputs - inputs.mean()
@@ -241,7 +241,7 @@ def test_the_crosscorrelation_is_numpys() -> None:
     assert int(np.argmax(crosscorrelation(np.roll(inputs, 3), inputs, 10))) - 10 == 3
 
 
-def test_correlations_of_nothing_are_nothing() -> None:
+def test_correlations_of_empty_signals_are_empty() -> None:
     assert np.all(autocorrelation(np.zeros(5)) == 0.0)
     assert np.all(crosscorrelation(np.ones(50), np.arange(50.0)) == 0.0)
     short = autocorrelation(np.array([1.0, -1.0]), 5)
@@ -249,7 +249,7 @@ def test_correlations_of_nothing_are_nothing() -> None:
     assert len(crosscorrelation(np.array([1.0, -1.0]), np.array([1.0, -1.0]), 5)) == 11
 
 
-def test_the_criteria_are_those_of_the_books() -> None:
+def test_fpe_aic_and_bic_agree_with_their_textbook_formulas() -> None:
     # Two outputs, 100 sample times, 4 unknowns.
     loss, rows, samples, unknowns = 0.02, 100, 200, 4
     deviance = rows * math.log(loss)
@@ -264,7 +264,7 @@ def test_the_criteria_are_those_of_the_books() -> None:
     assert math.isnan(many.aicc)
 
 
-def test_the_fit_is_a_hundred_for_the_data_and_zero_for_their_mean() -> None:
+def test_the_fit_is_100_for_the_data_themselves_and_0_for_their_mean() -> None:
     values = np.array([1.0, 2.0, 3.0, 6.0])
     assert fit_percent(values, values) == 100.0
     assert fit_percent(values, np.full(4, 3.0)) == pytest.approx(0.0)
@@ -274,14 +274,14 @@ def test_the_fit_is_a_hundred_for_the_data_and_zero_for_their_mean() -> None:
     assert math.isnan(fit_percent(np.ones(3), values[:3]))
 
 
-def test_correlations_of_what_is_not_known_are_not_numbers() -> None:
+def test_correlations_with_missing_values_are_nan() -> None:
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.inf]])
     found = correlation_of(covariance)
     assert found[:2, :2] == pytest.approx(np.array([[1.0, 0.5], [0.5, 1.0]]))
     assert np.all(np.isnan(found[2]))
 
 
-def test_rounding_that_stays_is_one_error_not_many() -> None:
+def test_samples_rounded_to_one_level_count_as_one_error() -> None:
     step = 0.1
     ramp = np.linspace(0.0, 1.0, 1100)
     rounded = np.round(ramp / step) * step
@@ -291,7 +291,7 @@ def test_rounding_that_stays_is_one_error_not_many() -> None:
     assert found[0, 0] == pytest.approx(step**2 / 12.0 * np.sum(lengths**2), rel=0.02)
 
 
-def test_what_is_not_rounded_or_never_stays_adds_nothing() -> None:
+def test_data_without_rounding_or_rests_add_no_rounding_error() -> None:
     rng = np.random.default_rng(3)
     slopes = np.ones((500, 2, 1))
     noise = rng.standard_normal((500, 2))
@@ -300,7 +300,7 @@ def test_what_is_not_rounded_or_never_stays_adds_nothing() -> None:
     assert np.all(rounding_information(restless, slopes, np.eye(2)) == 0.0)
 
 
-def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
+def test_a_finely_rounded_output_has_a_rounding_error_only_where_it_rests() -> None:
     # An angle in 0.01 degrees: another one at each sample of the travel, the same at the end stop.
     angle = np.round(np.concatenate([np.linspace(0.0, 90.0, 700), np.full(300, 90.004)]), 2)
     slopes = np.ones((1000, 1, 1))
@@ -308,7 +308,7 @@ def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
     assert found[0, 0] == pytest.approx(1e-4 / 12.0 * 301.0**2, rel=0.02)
 
 
-def test_the_robust_covariance_is_bartletts_sum_over_lags() -> None:
+def test_the_robust_covariance_agrees_with_bartletts_sum_over_lags() -> None:
     rng = np.random.default_rng(3)
     scores = np.column_stack([autoregressive(rng, 500, share) for share in (0.9, 0.5)])
     inverse = np.array([[0.02, 0.003], [0.003, 0.01]])

@@ -1,4 +1,4 @@
-"""Measured inputs through a model: held, cut into steps, and begun as the gate was."""
+"""Simulation of measured inputs: held, divided into steps, from the state in which the gate began."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def model(request: pytest.FixtureRequest) -> str:
 
 
 def rows(vehicle: Vehicle, model: str, times: np.ndarray, **columns: Any) -> np.ndarray:
-    """OUTPUTS from rest at 20 degrees, or as `start` says."""
+    """Simulated outputs (OUTPUTS) from rest at 20 degrees, or from `start`."""
     start = columns.pop("start", REST._replace(angle=math.radians(20.0)))
     sensors = columns.pop("sensors", Sensors())
     longest = columns.pop("longest", 1e-3)
@@ -38,7 +38,7 @@ def rows(vehicle: Vehicle, model: str, times: np.ndarray, **columns: Any) -> np.
 
 
 def by_hand(vehicle: Vehicle, model: str, volts: np.ndarray, step: float) -> list[State]:
-    """The states of a loop of steps, one after each voltage, from rest at 20 degrees."""
+    """States by a plain loop of steps, one after each voltage, from rest at 20 degrees."""
     plant = plant_of(vehicle)
     load = load_of(vehicle)._replace(latch_released=1.0)
     state = initial_state(plant, math.radians(20.0), False)
@@ -64,7 +64,7 @@ def test_an_input_holds_until_the_next_sample(model: str) -> None:
     assert out[:, 4] == pytest.approx([each.left.position for each in states], rel=1e-12)
 
 
-def test_an_uneven_time_base_gives_the_same_as_an_even_one(model: str) -> None:
+def test_an_uneven_time_base_gives_the_same_trajectory_as_an_even_one(model: str) -> None:
     rng = np.random.default_rng(2)
     even = np.arange(601) * 1e-3
     volts = np.where(even < 0.3, 12.0, 6.0)
@@ -76,7 +76,7 @@ def test_an_uneven_time_base_gives_the_same_as_an_even_one(model: str) -> None:
     assert part == pytest.approx(whole[kept], rel=1e-9, abs=1e-9)
 
 
-def test_intervals_are_cut_into_steps_no_longer_than_asked(model: str) -> None:
+def test_intervals_are_divided_into_steps_no_longer_than_requested(model: str) -> None:
     vehicle = suv()
     coarse = np.arange(0.0, 0.6005, 0.1)
     fine = np.arange(601) * 1e-3
@@ -113,7 +113,7 @@ def test_a_latch_holds_the_gate_until_it_is_released() -> None:
     assert out[-1, 6] > 1.0
 
 
-def test_duty_takes_the_supply_of_its_column_or_the_vehicles(model: str) -> None:
+def test_a_duty_uses_the_supply_voltage_column_or_else_that_of_the_vehicle(model: str) -> None:
     times = np.arange(301) * 1e-3
     vehicle = suv("supply.internal_resistance=0")
     by_duty = rows(vehicle, model, times, left_duty=0.5)
@@ -122,7 +122,7 @@ def test_duty_takes_the_supply_of_its_column_or_the_vehicles(model: str) -> None
     assert given == pytest.approx(rows(vehicle, model, times, left_voltage_v=8.0), rel=1e-9, abs=1e-9)
 
 
-def test_surroundings_take_their_columns_in_the_units_of_their_names(model: str) -> None:
+def test_columns_of_surroundings_are_read_in_the_units_of_their_names(model: str) -> None:
     times = np.arange(301) * 1e-3
     cold = "friction.temperature_coefficient=0.01"
     settings = (
@@ -164,7 +164,7 @@ def test_sensors_show_the_current_with_gain_offset_and_filter(model: str) -> Non
 
 @pytest.mark.parametrize("volts", [12.0, -9.0])
 @pytest.mark.parametrize("name", ["suv", "compact", "heavy-suv"])
-def test_a_full_model_that_begins_in_motion_goes_on_as_it_would_have(name: str, volts: float) -> None:
+def test_a_full_model_started_in_motion_continues_the_original_trajectory(name: str, volts: float) -> None:
     vehicle = vehicle_from(name)
     begin = REST._replace(angle=math.radians(20.0 if volts > 0.0 else 65.0))
     times = np.arange(2001) * 1e-3
@@ -194,7 +194,7 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
 
 
 @pytest.mark.parametrize("stretch", [1, 7, 10])
-def test_a_trajectory_in_stretches_is_the_same_to_the_bit(
+def test_a_trajectory_computed_in_pieces_is_bit_identical(
     model: str, stretch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     times = np.array([0.0, 0.004, 0.005, 0.02, 0.021, 0.0215, 0.05])
@@ -214,7 +214,7 @@ def test_outputs_of_an_absent_drive_stay_zero() -> None:
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
-def test_machine_code_serves_every_layout_of_the_same_numbers() -> None:
+def test_arrays_of_any_memory_layout_use_the_same_machine_code() -> None:
     vehicle, times = suv(), np.arange(100) * 1e-3
     whole = rows(vehicle, "third-order", times, left_voltage_v=9.0)
     code: Any = compiled(run)

@@ -11,8 +11,8 @@ from tests.hil.identification import pauses
 from tests.hil.identification.simulated import estimated, measured, scores, true_vehicle
 
 
-def test_a_valley_of_many_minima_is_walked_to_the_deepest_and_told() -> None:
-    """The nearest minimum is 13 standard deviations away from the truth, as sure of itself as the deepest one."""
+def test_the_deepest_of_many_minima_in_a_valley_is_found_and_the_valley_reported() -> None:
+    """The nearest minimum is 13 standard deviations from the truth, with as small a deviation as the deepest."""
     factors = {
         "motor.resistance": 0.75,
         "motor.speed_constant": 0.9,
@@ -33,7 +33,7 @@ def test_a_valley_of_many_minima_is_walked_to_the_deepest_and_told() -> None:
     assert "in which spring.preload, spring.stiffness and gear.friction_torque have nearly the same" in warning
 
 
-def test_data_of_both_directions_are_not_warned_of() -> None:
+def test_data_of_both_directions_give_no_warning_of_a_valley() -> None:
     names = ["gear.friction_torque", "spring.preload"]
     result = estimated(true_vehicle(), "full", names, [measured(true_vehicle(), "full", seed=1)])
     assert not [each for each in result.data_warnings if "one direction" in each]
@@ -49,10 +49,10 @@ def test_data_of_both_directions_are_not_warned_of() -> None:
         ("heavy-suv closed", "angle"),
     ],
 )
-def test_a_measurement_that_begins_in_a_pause_tells_the_same(case: str, outputs: str) -> None:
+def test_a_measurement_that_begins_in_a_pause_gives_the_true_parameters(case: str, outputs: str) -> None:
     pauses.check_that_the_truth_is_found(case, outputs)  # each with each: tests/study
 
 
-def test_a_search_ends_where_one_from_the_truth_does() -> None:
-    """A search by slopes at the point alone ends in another minimum beside. More seeds: tests/study."""
+def test_a_search_ends_at_the_same_minimum_as_one_from_the_truth() -> None:
+    """A search by slopes at the point alone ends in a neighbouring minimum. More seeds: tests/study."""
     pauses.check_where_a_search_ends(7)

@@ -1,4 +1,4 @@
-"""Work on all CPUs: results in order, and an end to all of it when one fails or nobody waits."""
+"""Work on all CPUs: results in order, and all work ends when one item fails or the caller stops."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def two_cpus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trajectory, "_cpus", lambda: 2)
 
 
-def test_results_come_in_the_order_of_their_items() -> None:
+def test_results_of_workers_come_in_the_order_of_their_items() -> None:
     second_is_done = threading.Event()
 
     def result(item: int) -> int:
@@ -29,7 +29,7 @@ def test_results_come_in_the_order_of_their_items() -> None:
 
 
 @pytest.mark.parametrize("cause", [ValueError, KeyboardInterrupt])
-def test_what_one_raises_ends_the_others(cause: type[BaseException]) -> None:
+def test_an_exception_in_one_worker_ends_the_others(cause: type[BaseException]) -> None:
     runs = threading.Event()
     ended = threading.Event()
 
@@ -50,7 +50,7 @@ def test_what_one_raises_ends_the_others(cause: type[BaseException]) -> None:
     assert ended.is_set()
 
 
-def test_long_simulations_run_one_at_a_time_in_this_thread() -> None:
+def test_long_simulations_run_one_at_a_time_in_the_calling_thread() -> None:
     threads = on_all_cpus(lambda _: threading.get_ident(), range(3), 3_000_000)
     assert threads == [threading.get_ident()] * 3
     check_wanted()  # nobody has given up here

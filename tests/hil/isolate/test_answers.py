@@ -1,4 +1,4 @@
-"""A child's answer: what others say on its channel is none, and holds nobody up."""
+"""Channel for a child process's answer: messages of other processes are ignored and delay nothing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def connected(channel: AnswerChannel) -> socket.socket:
     return other
 
 
-def test_an_answer_comes_whole() -> None:
+def test_an_answer_of_a_child_arrives_complete() -> None:
     payload = bytes(range(256)) * 10_000
     with AnswerChannel() as channel:
         child = threading.Thread(target=send_answer, args=(channel.address, payload))
@@ -29,7 +29,7 @@ def test_an_answer_comes_whole() -> None:
 
 
 @pytest.mark.parametrize("said", [b"", b"LGHA", b"x" * 100])
-def test_a_stranger_who_keeps_its_connection_open_is_soon_left_alone(
+def test_another_process_that_keeps_a_connection_open_is_soon_disconnected(
     monkeypatch: pytest.MonkeyPatch, said: bytes
 ) -> None:
     monkeypatch.setattr(answers, "_HEAD_S", 0.05)
@@ -44,7 +44,7 @@ def test_a_stranger_who_keeps_its_connection_open_is_soon_left_alone(
 
 
 @pytest.mark.parametrize(("change", "reason"), [(0, "ended"), (1, "checksum")])
-def test_an_answer_that_is_cut_off_or_changed_is_reported(change: int, reason: str) -> None:
+def test_a_truncated_or_corrupted_answer_is_reported(change: int, reason: str) -> None:
     with AnswerChannel() as channel, connected(channel) as child:
         head = answers._HEAD.pack(b"LGHA", channel.address[1], 4, 0)
         child.sendall(head + b"abcd"[: 3 + change])
@@ -53,7 +53,7 @@ def test_an_answer_that_is_cut_off_or_changed_is_reported(change: int, reason: s
             channel.take(60.0)
 
 
-def test_nobody_is_waited_for_longer_than_asked() -> None:
+def test_waiting_for_an_answer_ends_at_its_timeout() -> None:
     begun = time.monotonic()
     with AnswerChannel() as channel:
         assert channel.take(0.01) is None

@@ -1,4 +1,4 @@
-"""Child processes of a thread in real time."""
+"""Child processes of a thread with real-time scheduling."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ keep_nice_value(child)
 """
 
 
-def test_a_child_has_the_nice_value_of_its_parent_whose_thread_has_fifo_scheduling() -> None:
+def test_a_child_of_a_fifo_thread_gets_the_nice_value_of_its_parent() -> None:
     found = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=120, check=True)
     assert found.stdout.split() == ["0"]

@@ -1,4 +1,4 @@
-"""The recorder's process, and what it makes of the rings."""
+"""Process that writes recordings from the shared ring buffers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def write(memory: Memory, rows: np.ndarray) -> None:
 
 
 class Notes:
-    """A recorder that keeps what it was given."""
+    """Recorder that keeps the rows and frames that it gets."""
 
     written = 0
 
@@ -84,8 +84,8 @@ def recorder(
     return process
 
 
-def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memory: Memory) -> None:
-    """A tick logs what it sent; what came meanwhile, with an earlier stamp, is logged by the next one."""
+def test_frames_are_written_in_order_of_time_even_if_logged_late(memory: Memory) -> None:
+    """A tick logs its sent frames; frames received meanwhile, with earlier times, are logged by the next tick."""
     notes = Notes()
     writer = RingRecorder(memory, Content(()))
     writer.write_to([notes])
@@ -107,8 +107,8 @@ def test_frames_are_written_in_the_order_of_time_whenever_they_were_logged(memor
     assert writer.lost == 0
 
 
-def test_rows_behind_a_place_wait_for_the_next_look(memory: Memory) -> None:
-    """Where to end is told a moment after it was found: till then nothing behind it may be written."""
+def test_rows_after_a_read_position_are_written_by_the_next_read(memory: Memory) -> None:
+    """The end position is known a moment before it is reported: until then no row after it may be written."""
     notes = Notes()
     writer = RingRecorder(memory, Content(()))
     writer.write_to([notes])
@@ -139,7 +139,7 @@ def test_a_recorder_gets_the_start_of_the_run_once(memory: Memory) -> None:
     assert (notes.epochs, notes.rows) == ([EPOCH_NS], 3)
 
 
-def test_what_comes_while_the_files_are_opened_is_written_in_its_order_however_long_that_takes() -> None:
+def test_rows_that_arrive_while_files_are_opened_are_written_in_order() -> None:
     """A ring of 64 rows has turned twice before the files are open."""
     memory, notes = Memory(64, 8192), Notes()
     memory.shared.control.epoch_ns = EPOCH_NS
@@ -161,7 +161,7 @@ def test_what_comes_while_the_files_are_opened_is_written_in_its_order_however_l
     memory.close()
 
 
-def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: Memory, tmp_path: Path) -> None:
+def test_timestamps_before_the_first_sent_frame_are_equal_in_asc_and_log(memory: Memory, tmp_path: Path) -> None:
     paths = [tmp_path / "run.log", tmp_path / "run.asc"]
     process = recorder(paths, BOTH, None, memory)
     process.wait_until_ready()
@@ -176,7 +176,7 @@ def test_stamps_before_the_first_frame_sent_are_the_same_in_asc_and_log(memory: 
     assert [m.timestamp for m in theirs] == pytest.approx(times, abs=1e-6)
 
 
-def test_the_files_are_reported_and_whole(memory: Memory, tmp_path: Path) -> None:
+def test_the_written_files_are_reported_and_complete(memory: Memory, tmp_path: Path) -> None:
     process = recorder([tmp_path / "run.csv"], BOTH, Limit(10**6), memory)
     process.wait_until_ready()
     write(memory, rows_from(0, 3000))
@@ -233,7 +233,7 @@ def test_a_file_that_cannot_be_opened_is_reported_before_the_run(memory: Memory,
     process.close()
 
 
-def test_a_file_that_cannot_be_leaves_no_rest_of_the_others(tmp_path: Path, memory: Memory):
+def test_a_file_that_cannot_be_opened_leaves_no_temporary_files_of_the_others(tmp_path: Path, memory: Memory):
     good, bad = tmp_path / "a.blf", tmp_path / "nowhere" / "b.csv"
     process = recorder([good, bad], BOTH, None, memory)
     with pytest.raises(ConfigError, match="nowhere"):

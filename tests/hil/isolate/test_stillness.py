@@ -1,4 +1,4 @@
-"""A process that makes no progress is told from one that nobody could look at."""
+"""A process that makes no progress is distinguished from a pause of the observing process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_time_without_progress_counts_from_the_last_progress_on(clock: Clock) ->
         clock.now += 0.25
 
 
-def test_a_pause_of_this_process_is_no_silence_of_the_other(clock: Clock) -> None:
+def test_a_pause_of_the_observer_does_not_count_as_stillness_of_the_other_process(clock: Clock) -> None:
     still = children.Stillness()
     still.of(1)
     clock.now += 60.0  # both stand still

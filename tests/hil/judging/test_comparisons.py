@@ -1,4 +1,4 @@
-"""Conditions taken apart again: texts, limits and values are those of the condition."""
+"""Conditions split into comparisons: their texts, limits and values are those of the condition."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUMS = st.recursive(
 
 @CALM
 @given(SUMS, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]))
-def test_a_text_made_of_a_comparison_means_the_same(side: str, sign: str) -> None:
+def test_the_text_of_a_comparison_parses_to_the_same_comparison(side: str, sign: str) -> None:
     condition = parsed(f"not ({side} {sign} 1)", {"rod": 7.5})
     (comparison,) = comparisons_of(condition)
     (again,) = comparisons_of(parsed(comparison.text, {}))
@@ -38,7 +38,7 @@ def test_a_text_made_of_a_comparison_means_the_same(side: str, sign: str) -> Non
     assert np.array_equal(first, second, equal_nan=True)
 
 
-def test_a_side_is_calculated_as_written() -> None:
+def test_the_sides_of_a_comparison_are_calculated_as_written() -> None:
     (comparison,) = comparisons_of(
         parsed("2 * (gate_angle_deg - $x) / abs(-4) > gate_angle_deg - 1 - 1", {"x": 1.0})
     )
@@ -59,12 +59,12 @@ def test_a_side_is_calculated_as_written() -> None:
         "2 * -(gate_angle_deg + 1)",
     ],
 )
-def test_parentheses_stay_where_they_are_needed(side: str) -> None:
+def test_parentheses_are_kept_only_where_needed(side: str) -> None:
     (comparison,) = comparisons_of(parsed(f"{side} > 0", {}))
     assert comparison.left.text == side
 
 
-def test_what_has_no_finite_value_has_none() -> None:
+def test_a_side_without_a_finite_value_is_nan() -> None:
     (comparison,) = comparisons_of(parsed("gate_rate_degps / (gate_angle_deg - 3) > 0", {}))
     assert np.isnan(comparison.left.values(READ, 2)).all()
 
@@ -80,13 +80,13 @@ def test_what_has_no_finite_value_has_none() -> None:
         ("latched < 1 / 0", None),
     ],
 )
-def test_the_number_that_something_is_held_against(text: str, limit: tuple[str, str, float] | None) -> None:
+def test_the_limit_of_a_comparison_is_its_constant_side(text: str, limit: tuple[str, str, float] | None) -> None:
     (comparison,) = comparisons_of(parsed(text, {"most": 100.0}))
     found = comparison.limit
     assert (None if found is None else (found[0].text, *found[1:])) == limit
 
 
-def test_comparisons_come_in_the_order_of_their_units() -> None:
+def test_comparisons_have_the_order_of_the_conditions_units() -> None:
     condition = parsed("gate_angle_deg > 1 or not (left_current_a < 2 and Gate.Angle == 1)", {})
     found = comparisons_of(condition)
     assert [each.text for each in found] == [

@@ -1,4 +1,4 @@
-"""Envelopes: bounded, and exact at the extremes, however the ticks come."""
+"""Envelopes of signals: bounded in size, exact at the extremes, for any blocks of ticks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ VALUES = st.lists(st.one_of(st.just(np.nan), st.integers(-50, 50).map(float)), m
 
 @CALM
 @given(VALUES, st.lists(st.floats(0.0, 1.0), max_size=5), st.sampled_from([1, 2, 5, 8, 64]))
-def test_a_bin_has_the_extremes_of_its_ticks(values: list[float], cuts: list[float], most: int) -> None:
+def test_a_bin_has_the_minimum_and_maximum_of_its_ticks(values: list[float], cuts: list[float], most: int) -> None:
     signals = np.column_stack([values, np.negative(values)])
     times = np.arange(1, len(values) + 1) * 0.001
     envelope = Envelope(2, most)
@@ -36,7 +36,7 @@ def test_a_bin_has_the_extremes_of_its_ticks(values: list[float], cuts: list[flo
                 assert np.isnan(high[k, column])
 
 
-def test_few_ticks_are_all_kept() -> None:
+def test_an_envelope_keeps_every_tick_of_a_short_run() -> None:
     envelope = Envelope(1)
     values = np.sin(np.arange(MOST_BINS))[:, None]
     envelope.add(np.arange(MOST_BINS) * 0.001, values)
@@ -46,7 +46,7 @@ def test_few_ticks_are_all_kept() -> None:
     assert np.array_equal(high, values)
 
 
-def test_an_hour_is_no_larger_than_a_second() -> None:
+def test_the_envelope_of_an_hour_is_no_larger_than_that_of_a_second() -> None:
     envelope = Envelope(1)
     for first in range(0, 3_600_000, 60_000):
         times = np.arange(first, first + 60_000) * 0.001

@@ -1,4 +1,4 @@
-"""Why an expectation failed: what was measured, what was allowed, when."""
+"""Reasons of failed expectations: the measured value, the allowed value, the time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RATE = 100.0
 
 
 def failed(expectation: Expectation, blocks: int = 1, **columns: list[float]) -> Verdict:
-    """The verdict on rows a tick from 0.01 s on, taken in so many blocks."""
+    """The verdict on rows, one per tick from 0.01 s on, taken in blocks of this size."""
     count = len(next(iter(columns.values())))
     rows = np.zeros((count, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = np.arange(1, count + 1) / RATE
@@ -109,15 +109,15 @@ FAILURES: list[tuple[tuple[Any, ...], dict[str, list[float]], str]] = [
 
 @pytest.mark.parametrize(("given_as", "columns", "reason"), FAILURES)
 @pytest.mark.parametrize("blocks", [1, 2, 5])
-def test_a_failure_tells_what_was_measured_what_was_allowed_and_when(
+def test_a_failure_states_the_measured_value_the_allowed_value_and_the_time(
     given_as: tuple[Any, ...], columns: dict[str, list[float]], reason: str, blocks: int
 ) -> None:
     found = failed(Expectation("x", *given_as), blocks, **columns)
     assert (found.verdict, found.reason) == ("fail", reason)
 
 
-def test_what_is_true_behind_its_window_in_part_only_is_not_reported_as_late() -> None:
-    """A stretch counts where it is whole, and not over a tick without a value."""
+def test_a_condition_true_for_less_than_its_hold_time_is_not_reported_as_late() -> None:
+    """A hold time counts where it is complete, and not over a tick without a value."""
     each = Expectation("x", "eventually", "gate_angle_deg > 25", 0.0, 0.02, 0.02)
     assert "not true from" in failed(each, gate_angle_deg=[0.0, 0.0, 30.0, 30.0]).reason
     holes = [0.0, 0.0, 30.0, math.nan, 30.0, 30.0]
@@ -125,7 +125,7 @@ def test_what_is_true_behind_its_window_in_part_only_is_not_reported_as_late() -
     assert "true only at 0.07 s" in failed(each, gate_angle_deg=[*holes, 30.0]).reason
 
 
-def test_what_passes_needs_no_reason() -> None:
+def test_a_passed_expectation_has_no_reason() -> None:
     assert failed(Expectation("x", "always", "time_s > 0"), time_s=[0.01]).reason == ""
 
 
@@ -156,7 +156,7 @@ ALLOWED = {
     CONDITIONS,
     st.lists(st.lists(st.sampled_from([0.0, 1.0, -0.5, 2.25]), min_size=2, max_size=2), min_size=1),
 )
-def test_what_was_measured_is_not_what_was_allowed(kind: str, made: Made, values: list[list[float]]) -> None:
+def test_a_reason_names_a_value_outside_the_allowed_set(kind: str, made: Made, values: list[list[float]]) -> None:
     truth, sensed = (list(each) for each in zip(*values, strict=True))
     found = failed(Expectation("x", kind, made[0]), latched=truth, sensed_latched=sensed)
     assert (found.reason == "") == (found.verdict == "pass")
@@ -167,7 +167,7 @@ def test_what_was_measured_is_not_what_was_allowed(kind: str, made: Made, values
     assert not ALLOWED[told[2]](float(told[1]), float(told[3]))
 
 
-def test_a_result_that_fails_says_why_of_each_expectation_that_does(tmp_path: Path) -> None:
+def test_a_failed_result_has_a_reason_for_each_failed_expectation(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     late = 'after = "time_s > 9"'
     path.write_text(

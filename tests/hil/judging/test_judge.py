@@ -1,4 +1,4 @@
-"""Expectations over windows, against a judgement of our own that keeps everything."""
+"""Expectations over windows, compared with a brute-force judgement that keeps every row."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TIME, ANGLE, CURRENT = (COLUMN_PLACE[name] for name in ("time_s", "gate_angle_de
 
 
 def rows_of(angles: list[float], currents: list[float] | None = None) -> Any:
-    """A row a tick from time 0.01 s on."""
+    """Rows, one per tick from 0.01 s on."""
     rows = np.zeros((len(angles), ROW_WIDTH))
     rows[:, TIME] = np.arange(1, len(angles) + 1) / RATE
     rows[:, ANGLE] = angles
@@ -46,7 +46,7 @@ def judged(
 
 
 def our_judgement(each: Expectation, angles: list[float], currents: list[float]) -> tuple[str, Any]:
-    """By brute force: the condition is always `gate_angle_deg > 0`, the trigger `left_current_a > 0`."""
+    """Brute-force verdict: the condition is always `gate_angle_deg > 0`, the trigger `left_current_a > 0`."""
     times = [k / RATE for k in range(1, len(angles) + 1)]
     end = len(angles) / RATE
     begin = each.after
@@ -79,7 +79,7 @@ def our_judgement(each: Expectation, angles: list[float], currents: list[float])
 
 
 def our_window(each: Expectation, angles: list[float], currents: list[float]) -> Any:
-    """The same trigger's; no longer than the run."""
+    """Window after the trigger `left_current_a > 0`, no longer than the run."""
     end = len(angles) / RATE
     begin = each.after
     if isinstance(begin, str):
@@ -107,7 +107,7 @@ ANGLES = st.one_of(
     st.integers(0, 29),
     st.lists(st.integers(1, 29), max_size=3),
 )
-def test_windows_are_judged_as_by_one_that_keeps_everything(
+def test_windows_are_judged_as_by_brute_force(
     kind: str, hold: float, angles: list[float], after: Any, within: float, trigger: int, cuts: list[int]
 ) -> None:  # fmt: skip
     each = Expectation("x", kind, "gate_angle_deg > 0", after, within, hold, "expect[0]")
@@ -119,7 +119,7 @@ def test_windows_are_judged_as_by_one_that_keeps_everything(
     assert found.window_s == our_window(each, angles, currents)
 
 
-def test_a_verdict_tells_where_its_margin_is_and_what_decided_it() -> None:
+def test_a_verdict_has_the_times_of_its_margin_and_of_its_decision() -> None:
     always = Expectation("x", "always", "gate_angle_deg > $low and not gate_angle_deg > 5")
     angles = [3.0, -1.0, -2.0, 3.0]
     expected = expected_of([always], {"low": 0.5}, shipped_rig().messages, 2, "file")
@@ -153,8 +153,8 @@ def test_never_latched_on_a_latched_gate_fails() -> None:
 
 
 @pytest.mark.parametrize("after", [0.0, 0.003, 0.01, 0.017])
-def test_what_must_hold_for_all_of_its_window_is_decided_wherever_that_begins(after: float) -> None:
-    """Also where no row is of its first instant: at time 0, or between two rows."""
+def test_a_condition_for_a_whole_window_is_decided_wherever_the_window_begins(after: float) -> None:
+    """Also where no row is at the window's first instant: at time 0, or between two rows."""
     each = Expectation("x", "eventually", "gate_angle_deg > 0", after, 0.03, 0.03)
     first = max(1, math.ceil(after * RATE - 1e-9))  # rows of it, by their ticks
     last = math.floor((after + 0.03) * RATE + 1e-9)
@@ -164,7 +164,7 @@ def test_what_must_hold_for_all_of_its_window_is_decided_wherever_that_begins(af
         assert judged(each, rows_of(angles)).verdict == ("fail" if first <= tick <= last else "pass")
 
 
-def test_both_ends_of_a_window_are_in() -> None:
+def test_both_ends_of_a_window_are_included() -> None:
     each = Expectation("x", "eventually", "gate_angle_deg > 0", 0.02, 0.03)
     for place, verdict in ((0, "fail"), (1, "pass"), (4, "pass"), (5, "fail")):
         angles = [-1.0] * 10
@@ -172,7 +172,7 @@ def test_both_ends_of_a_window_are_in() -> None:
         assert judged(each, rows_of(angles)).verdict == verdict
 
 
-def test_what_was_cut_off_is_inconclusive_unless_something_had_decided_it() -> None:
+def test_a_run_that_ends_early_is_inconclusive_unless_already_decided() -> None:
     always = Expectation("x", "always", "gate_angle_deg > 0", 0.0, 1.0)
     assert "cut off by the end" in judged(always, rows_of([1.0] * 5)).reason
     assert judged(always, rows_of([1.0, -1.0])).verdict == "fail"
@@ -184,13 +184,13 @@ def test_what_was_cut_off_is_inconclusive_unless_something_had_decided_it() -> N
     assert "where the run ended" in judged(to_the_end, rows_of([1.0] * 5), end=1.0).reason
 
 
-def test_rows_after_the_end_do_not_count() -> None:
+def test_rows_after_the_end_of_a_run_are_not_judged() -> None:
     each = Expectation("x", "always", "gate_angle_deg > 0")
     assert judged(each, rows_of([1.0, 1.0, -1.0]), end=0.02).verdict == "pass"
 
 
 def frames_of(times_ns: list[int], states: list[int]) -> Any:
-    """Frames of the message Gate, with that LatchState."""
+    """Frames of the message Gate with these values of LatchState."""
     message = shipped_rig().messages["Gate"]
     zeros = {each.name: 0 for each in message.signals}
     payloads = [message.encode({**zeros, "LatchState": state}) for state in states]
@@ -210,7 +210,7 @@ def test_a_bus_signal_has_the_value_of_the_last_frame_and_none_before_the_first(
     assert "no value" in found.reason
 
 
-def test_a_stamp_counts_in_whole_microseconds_and_a_short_frame_not_at_all() -> None:
+def test_timestamps_count_in_whole_microseconds_and_short_frames_are_ignored() -> None:
     frames = frames_of([20_000_499], [1])
     each = Expectation("x", "eventually", "Gate.LatchState == 1", 0.02, 0.0)
     assert judged(each, rows_of([0.0] * 3), frames=frames).verdict == "pass"
@@ -220,7 +220,7 @@ def test_a_stamp_counts_in_whole_microseconds_and_a_short_frame_not_at_all() -> 
     assert judged(each, rows_of([0.0] * 3), frames=frames).verdict == "inconclusive"
 
 
-def test_frames_that_come_after_their_rows_wait_for_the_next() -> None:
+def test_frames_timestamped_after_the_last_row_wait_for_the_next_rows() -> None:
     expected = expected_of(
         [Expectation("x", "eventually", "Gate.LatchState == 1")], {}, shipped_rig().messages, 2, "f"
     )
@@ -232,7 +232,7 @@ def test_frames_that_come_after_their_rows_wait_for_the_next() -> None:
     assert judge.verdicts()[0].time_s == 0.03
 
 
-def test_all_that_does_not_fit_is_reported_at_once() -> None:
+def test_all_mistakes_in_expectations_are_reported_at_once() -> None:
     expectations = [
         Expectation("a", "always", "Gate.NoSuch > 1", key="expect[0]"),
         Expectation("b", "always", "right_current_a > 1", "Nobody.X == 1", key="expect[1]"),
@@ -241,7 +241,7 @@ def test_all_that_does_not_fit_is_reported_at_once() -> None:
     assert keys_of(issues) == ["expect[0].always", "expect[1].always", "expect[1].after"]
 
 
-def test_the_worst_verdict_counts() -> None:
+def test_the_worst_verdict_is_that_of_the_result() -> None:
     assert worst(["pass", "inconclusive"]) == "inconclusive"
     assert worst(["inconclusive", "fail", "pass"]) == "fail"
     assert worst(["fail", "error"]) == "error"

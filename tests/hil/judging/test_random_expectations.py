@@ -1,4 +1,4 @@
-"""Whole expectations, random ones, against an evaluation of our own that keeps everything and counts in ticks."""
+"""Random expectations, compared with an evaluation that keeps every row and counts in ticks."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ CONDITIONS = st.one_of(st.sampled_from(PLAIN), COMPARED, NESTED)
 
 
 class Own(NamedTuple):
-    """An expectation in ticks."""
+    """An expectation with its times counted in ticks."""
 
     kind: str
     condition: Made
@@ -66,7 +66,7 @@ CELLS = st.one_of(st.sampled_from([0.0, 1.0, -1.0]), VALUES)
 
 
 def by_hand(own: Own, known: list[dict[str, float]], end: int) -> tuple[str, float | None]:
-    """Verdict and margin, tick by tick; `known[0]` is tick 1."""
+    """Verdict and margin evaluated tick by tick; `known[0]` is tick 1."""
     begin: int | None
     if isinstance(own.after, int):
         begin = own.after
@@ -105,7 +105,7 @@ def by_hand(own: Own, known: list[dict[str, float]], end: int) -> tuple[str, flo
     st.lists(st.integers(1, 29), max_size=3),
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_random_expectations_are_judged_as_by_hand(
+def test_random_expectations_are_judged_as_by_tick_by_tick_evaluation(
     owns: list[Own], values: list[list[float]], beyond: int, cuts: list[int]
 ) -> None:
     known = [dict(zip(COLUMNS, each, strict=True)) for each in values]
@@ -141,7 +141,7 @@ def _plain(margin: float | None) -> Any:
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.7e-3, 1e-4, 0.1])
-def test_edges_of_windows_and_stretches_are_ticks_whatever_sums_of_times_round_to(step: float) -> None:
+def test_ends_of_windows_and_hold_times_are_ticks_despite_rounding_of_time_sums(step: float) -> None:
     ticks = np.arange(1, 40)
     rows = np.zeros((len(ticks), ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = ticks * step

@@ -1,4 +1,4 @@
-"""A verdict as it is shown: margin and times in the same words in the terminal, in reports and on the page."""
+"""Verdicts show margin and times in the same words in the terminal, in reports and on the page."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ FAILS = Verdict(
         (Verdict("has none", "pass", math.inf), "—", "", "pass, margin inf"),
     ],
 )  # fmt: skip
-def test_margin_and_times_are_the_same_everywhere(verdict: Verdict, margin: str, times: str, line: str) -> None:
+def test_margin_and_times_read_the_same_everywhere(verdict: Verdict, margin: str, times: str, line: str) -> None:
     assert (margin_text(verdict), times_text(verdict)) == (margin, times)
     assert line_of(verdict) == line

@@ -1,4 +1,4 @@
-"""Faults that were in force for too short to matter are told, of a run and of its recording alike."""
+"""Faults in force too briefly to matter are reported, for a run and for its recording alike."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("fault", "note"), FAULTS)
-def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fault: str, note: str | None) -> None:
+def test_a_fault_in_force_for_too_short_a_time_is_reported(tmp_path: Path, fault: str, note: str | None) -> None:
     path, log = tmp_path / "s.toml", [tmp_path / "r.csv", tmp_path / "r.log"]
     path.write_text(f"{HEAD}[[fault]]\n{fault}")
     result = lh.run(path, record=log)
@@ -54,7 +54,7 @@ def test_a_fault_that_was_in_force_for_too_short_is_reported(tmp_path: Path, fau
     assert judged(log, expectations_of(JudgeRequest(recordings=log, scenario=path))).fault_notes == result.notes
 
 
-def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
+def test_the_note_on_a_brief_fault_is_among_the_notes_of_the_outcome(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
     (case,) = suite.cases_of([path], Job(RunRequest()))
     assert FAULTS[0][1] is not None
@@ -75,7 +75,7 @@ def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_would_begin_at_the_end_or_behind_it_is_never_made(
+def test_a_stimulus_due_at_or_after_the_end_of_a_run_is_never_applied(
     tmp_path: Path, faults: list[str], notes: list[str]
 ) -> None:
     text = "".join(f'[[fault]]\nkind = "supply_open"\n{fault}\n' for fault in faults)
@@ -127,7 +127,7 @@ always = "gate_angle_deg < 200"
 """
 
 
-def test_a_stimulus_that_is_never_made_is_noted(tmp_path: Path) -> None:
+def test_a_stimulus_that_is_never_applied_is_noted(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", BEHIND)
     notes = [each for each in lh.run(path).notes if "never made" in each]
     assert notes == [

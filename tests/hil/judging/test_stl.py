@@ -57,7 +57,7 @@ CONDITIONS = st.recursive(
 
 
 def robustness(formula: str, values: Any) -> float:
-    """At the first tick."""
+    """Robustness by rtamt at the first tick."""
     spec = rtamt.StlDiscreteTimeSpecification()
     for ours, theirs in NAMES.items():
         spec.declare_var(theirs, "float")

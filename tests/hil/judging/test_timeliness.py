@@ -1,4 +1,4 @@
-"""A bench that was late says nothing of the ECU, and an ECU that was late is judged."""
+"""A late bench makes verdicts inconclusive; a late ECU is judged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FORCE = COLUMN_PLACE["pinch_force_n"]
 
 
 def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
-    """Three seconds at 1 kHz of a bench on time, but for these columns: name → {tick: from there on}."""
+    """Three seconds at 1 kHz of a bench on time, but for the columns: name → {tick: value from there on}."""
     rows = np.zeros((count, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = 1e-3 * np.arange(1, count + 1)
     for name, values in columns.items():
@@ -67,7 +67,7 @@ def pressing(rows: np.ndarray) -> np.ndarray:
         ({"command_delay_s": {1500: 0.007}}, "the loop stalled for 7 ms at about 1.494 s"),
     ],
 )
-def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
+def test_a_bench_late_within_the_window_makes_the_verdict_inconclusive(
     columns: dict[str, Any], why: str, block: int
 ) -> None:
     found = verdict(rows_of(**columns), block)
@@ -78,12 +78,12 @@ def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
 @pytest.mark.parametrize(
     ("name", "tick"), [("ticks_missed", 500), ("ticks_missed", 2500), ("frames_dropped", 2500)]
 )
-def test_lateness_outside_the_window_does_not(name: str, tick: int) -> None:
+def test_lateness_outside_the_window_leaves_the_verdict(name: str, tick: int) -> None:
     assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
 
 
-def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() -> None:
-    """What it did then, such as stopping, is the bench's doing for good."""
+def test_a_bench_delay_like_lost_messages_before_the_window_makes_it_inconclusive() -> None:
+    """The ECU's reaction, such as stopping, is then due to the bench, also later."""
     for columns, why in (
         ({"frames_dropped": {500: 3}}, "frames were dropped at about 0.501 s"),
         (
@@ -95,8 +95,8 @@ def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() 
         assert (found.verdict, found.reason) == ("inconclusive", f"the bench was late: {why}")
 
 
-def test_lateness_before_the_window_is_reported_where_it_may_have_led_to_what_came() -> None:
-    """An ECU that a late bench has stopped fails later; its verdict stays, the reader knows where to look."""
+def test_lateness_before_the_window_is_reported_with_a_failure_it_may_have_caused() -> None:
+    """An ECU stopped by a late bench fails later; the verdict stays, and the reader is told where to look."""
     late = {"ticks_missed": {500: 3}}
     failed = verdict(rows_of(pinch_force_n={1200: 150.0}, **late))
     assert failed.verdict == "fail"
@@ -109,8 +109,8 @@ def test_lateness_before_the_window_is_reported_where_it_may_have_led_to_what_ca
     assert "late" not in verdict(rows_of(pinch_force_n={1200: 150.0})).reason
 
 
-def test_who_has_waited_was_late_all_the_while() -> None:
-    """Also where the window was over before anybody could tell."""
+def test_a_command_that_waited_counts_as_lateness_for_all_of_its_waiting_time() -> None:
+    """Also where the window was over before the delay was known."""
     delayed = rows_of(command_delay_s={2700: 1.5})  # since 1.2 s
     assert verdict(delayed).reason == (
         "the bench was late: the loop stalled for 1.5 s at about 1.201 s: from 250 ms "
@@ -119,29 +119,29 @@ def test_who_has_waited_was_late_all_the_while() -> None:
     assert verdict(rows_of(command_delay_s={2700: 0.5})).verdict == "pass"  # the window ends at 2 s
 
 
-def test_ticks_may_be_missed_for_as_long_as_is_tolerated() -> None:
-    """Not one after the other, too: each gap counts for itself."""
+def test_ticks_missed_within_the_tolerance_leave_the_verdict() -> None:
+    """Also in several gaps: each gap counts for itself."""
     for missed in ({1500: 5}, {1100: 1, 1101: 2, 1300: 3, 1301: 4, 1302: 5, 1303: 6, 1304: 7}):
         found = verdict(rows_of(ticks_missed=missed))
         assert (found.verdict, found.method) == ("pass", "direct")
 
 
-def test_a_missed_tick_means_a_force_as_a_frame_that_waits_does() -> None:
+def test_missed_ticks_make_the_pinch_force_uncertain_as_delayed_frames_do() -> None:
     found = verdict(pressing(rows_of(ticks_missed={1450: 3})))
     assert (found.verdict, found.uncertainty) == ("inconclusive", pytest.approx(3.0))
 
 
-def test_a_frame_may_wait_as_long_as_is_tolerated() -> None:
+def test_frames_delayed_within_the_tolerance_leave_the_verdict() -> None:
     assert verdict(rows_of(command_delay_s={1500: TOLERANCE})).verdict == "pass"
 
 
-def test_a_failure_of_a_late_bench_is_none_and_one_before_it_was_late_is_one() -> None:
+def test_a_failure_counts_only_if_decided_before_the_bench_was_late() -> None:
     pinched = {"pinch_force_n": {1200: 150.0}}
     assert verdict(rows_of(ticks_missed={1100: 6}, **pinched)).verdict == "inconclusive"
     assert verdict(rows_of(ticks_missed={1800: 6}, **pinched)).verdict == "fail"  # decided at 1.2 s
 
 
-def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided() -> None:
+def test_a_force_closer_to_its_limit_than_its_uncertainty_is_inconclusive() -> None:
     rows = pressing(rows_of(command_delay_s={1400: 0.002}))
     found = verdict(rows)
     assert found.verdict == "inconclusive"
@@ -168,7 +168,7 @@ def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided()
         ),
     ],
 )
-def test_after_a_long_lateness_what_is_not_decided_has_no_verdict_any_more(
+def test_after_a_long_lateness_undecided_expectations_are_inconclusive(
     columns: dict[str, Any], window: dict[str, Any], spoilt: str
 ) -> None:
     judge = judge_of(4.0, **window)
@@ -178,7 +178,7 @@ def test_after_a_long_lateness_what_is_not_decided_has_no_verdict_any_more(
         assert judge.verdicts()[0].verdict == "inconclusive"
 
 
-def test_what_no_row_tells_is_not_late() -> None:
+def test_rows_without_timing_columns_count_as_on_time() -> None:
     rows = rows_of()
     for name in ("ticks_missed", "frames_dropped", "command_delay_s"):
         rows[:, COLUMN_PLACE[name]] = np.nan
@@ -188,7 +188,7 @@ def test_what_no_row_tells_is_not_late() -> None:
     assert own.worst(0.0, 10.0).seconds == 0.0
 
 
-def test_memory_does_not_grow_with_the_rows() -> None:
+def test_memory_for_timeliness_does_not_grow_with_the_rows() -> None:
     own = Timeliness(0.0, 0.001)
     for second in range(20):
         rows = rows_of(1000)
@@ -200,7 +200,7 @@ def test_memory_does_not_grow_with_the_rows() -> None:
 
 
 class Late:
-    """The reference ECU's answers would be in time; this one's are none."""
+    """ECU that never sends, where the reference ECU would respond in time."""
 
     period_s = 0.01
 
@@ -221,7 +221,7 @@ action = "open"
 """
 
 
-def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
+def test_a_late_or_silent_ecu_is_judged(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", SCENARIO)
     assert lh.run(path).verdict == "pass"
     assert lh.run(path, ecu=Late()).verdict == "fail"
@@ -230,7 +230,7 @@ def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
     assert lh.run(path).verdict == "fail"
 
 
-def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
+def test_a_recording_of_a_late_bench_is_judged_like_its_run(tmp_path: Path) -> None:
     path, table = text_file(tmp_path / "s.toml", SCENARIO), tmp_path / "run.csv"
     lh.run(path, record=table)
     assert lh.judge([table], path)["moves"].verdict == "pass"
@@ -248,7 +248,7 @@ def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [1, 7, 3000])
-def test_contacts_are_pinches_while_they_last_and_not_between(block: int) -> None:
+def test_a_pinch_lasts_as_long_as_the_contact_force(block: int) -> None:
     rows = rows_of(pinch_force_n={500: 10.0, 600: 0.0, 602: 10.0, 700: 0.0, 2000: 5.0, 2100: 0.0})
     timeliness = Timeliness(TOLERANCE, 1e-3)
     for first in range(0, len(rows), block):

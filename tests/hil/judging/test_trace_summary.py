@@ -1,4 +1,4 @@
-"""Sketches: what pictures of expectations are made of is what the judge saw, in bounded room."""
+"""Sketches of traces for pictures of expectations: equal to what the judge saw, bounded in memory."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ TURNS = Expectation("turns", "eventually", "gate_angle_deg > 0", "pinch_force_n 
 
 
 @pytest.mark.parametrize("block", [1, 7, 511, 512, 4096, 100_000])
-def test_the_size_of_the_blocks_changes_nothing(block: int) -> None:
+def test_a_sketch_does_not_depend_on_the_size_of_the_blocks(block: int) -> None:
     rows = rows_of(4.0)
     found, whole = (sketched([SOFT, TURNS], rows, each) for each in (block, len(rows)))
     for name, trace_summary in whole.items():
@@ -72,7 +72,7 @@ def test_the_size_of_the_blocks_changes_nothing(block: int) -> None:
                 assert np.array_equal(one.high, other.high)
 
 
-def test_a_peak_of_a_long_run_is_exact_and_seen_closely() -> None:
+def test_the_peak_of_a_long_run_is_exact_and_shown_enlarged() -> None:
     found = sketched([SOFT], rows_of(60.0), 4096)["soft"]
     times, low, high = curve(found.view, "pinch_force_n")
     assert len(times) <= MOST_BINS
@@ -86,7 +86,7 @@ def test_a_peak_of_a_long_run_is_exact_and_seen_closely() -> None:
     assert times[-1] == pytest.approx(peak + 0.25)
 
 
-def test_a_window_is_shown_tick_by_tick_with_what_led_to_it() -> None:
+def test_a_window_is_shown_tick_by_tick_with_the_time_before_it() -> None:
     rows = rows_of(4.0)
     found = sketched([TURNS], rows, 512)["turns"]
     assert found.view.ticks == 1
@@ -111,7 +111,7 @@ def test_a_window_that_never_opens_shows_all_of_the_run() -> None:
     assert found.near is None
 
 
-def test_signals_on_the_bus_are_as_the_judge_saw_them() -> None:
+def test_bus_signals_in_a_sketch_have_the_values_that_the_judge_saw() -> None:
     """Gate.Angle, 0.01 deg a bit: none at first, then two frames."""
     message = shipped_rig().messages["Gate"]
     zeros = {each.name: 0.0 for each in message.signals}
@@ -132,7 +132,7 @@ def test_signals_on_the_bus_are_as_the_judge_saw_them() -> None:
         assert set(curve(found.view, "abs(Gate.Angle)")[1][times > 0.6999]) == {3.0}
 
 
-def test_a_condition_of_many_columns_is_cut() -> None:
+def test_a_sketch_of_a_condition_with_many_columns_shows_only_some() -> None:
     names = [name for name in COLUMN_PLACE if name != "time_s"][:20]
     text = " and ".join(f"{name} < 1e6" for name in names)
     found = sketched([Expectation("x", "always", text)], rows_of(0.1), 512)["x"]
@@ -140,7 +140,7 @@ def test_a_condition_of_many_columns_is_cut() -> None:
     assert found.left_out == 8
 
 
-def test_nothing_is_taken_of_a_run_without_a_row() -> None:
+def test_a_run_without_rows_has_no_sketch() -> None:
     expected = expected_of([SOFT, TURNS], {}, shipped_rig().messages, 2, "file")
     found = TraceSummarizer(Judge(expected, RATE, math.inf), RATE).trace_summaries()
     assert [len(each.view.times) for each in found.values()] == [0, 0]

@@ -1,4 +1,4 @@
-"""Transports and sinks of lists, and loops around them."""
+"""Transports and recorders that keep lists, and loops with them, for tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Rows = list[tuple[int, bytes]]
 
 
 class Memory:
-    """A transport of lists: each read gets the next batch, an empty one ends what is there. Keeps what is sent."""
+    """Transport of lists: each read returns the next batch, an empty one ends a read; keeps the sent frames."""
 
     name = "memory"
     is_up = True
@@ -44,7 +44,7 @@ class Memory:
 
 
 class Notes:
-    """Keeps what it was given."""
+    """Recorder that keeps the rows and frames that it gets."""
 
     def __init__(self) -> None:
         self.times: list[float] = []

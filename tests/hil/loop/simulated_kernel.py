@@ -28,19 +28,19 @@ class Datagram(NamedTuple):
 
 
 def from_a_pump(identifier: int, payload: bytes, stamp_ns: int, dropped: int = 0) -> Datagram:
-    """A frame from this project's pump, with its stamp on the monotonic clock, and its count of dropped frames."""
+    """A frame of this project's pump thread, its monotonic arrival time, and its count of dropped frames."""
     return Datagram(struct.pack("<IB3x64sqq", identifier, len(payload), payload, stamp_ns, dropped))
 
 
 def from_a_can_socket(identifier: int, payload: bytes, stamp_ns: int, dropped: int) -> Datagram:
-    """A frame of a CAN socket, with the kernel's stamp on the wall clock, and its count of dropped frames."""
+    """A frame of a CAN socket, its kernel timestamp on the wall clock, and its count of dropped frames."""
     stamp = struct.pack("<qiiqq", 32, 1, 35, *divmod(stamp_ns, 10**9))
     frame = struct.pack("<IB3x8s", identifier, len(payload), payload)
     return Datagram(frame, stamp + struct.pack("<qiiI4x", 20, 1, 40, dropped))
 
 
 class SimulatedKernel:
-    """Time and wire of a loop.
+    """Simulated time and wire of a loop.
 
     `at` is called at every waking with its number, before frames are read; `late` is how late that one is.
     `arrivals`, given a number of datagrams, returns at most so many that have come; None: those of the socket.
@@ -57,7 +57,7 @@ class SimulatedKernel:
         self._failure: BaseException | None = None
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call the machine code of a function, whose system calls come here."""
+        """Call a compiled function whose system calls are handled by this kernel."""
         systems = {
             realtime_loop._clock_gettime: self.clock_gettime,
             realtime_loop._clock_nanosleep: self.clock_nanosleep,
@@ -73,7 +73,7 @@ class SimulatedKernel:
         return result
 
     def _noting(self, own: Callable[..., int]) -> Callable[..., int]:
-        """A function that keeps what `own` raises, which machine code cannot pass on, and stops the loop."""
+        """Wrap a function: keep its exceptions, which machine code cannot pass on, and stop the loop."""
 
         def noting(*arguments: int) -> int:
             try:

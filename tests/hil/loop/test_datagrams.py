@@ -1,5 +1,5 @@
-"""Frames through a socket, as Python and as machine code: byte for byte what linux/can.h says, and no fault
-of the socket is more than a figure.
+"""Frames through a socket, in Python and as machine code: bytes as in linux/can.h; faults of the socket are only
+counted.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def error_of_closing(descriptor: int) -> int:
 
 
 class SignalMapping(NamedTuple):
-    """Both directions, as Python or as machine code."""
+    """Reading from and writing to a socket, in Python or as machine code."""
 
     read_frames: Callable[..., SocketReading]
     write_frames: Callable[..., Writing]
@@ -78,7 +78,7 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
 
 
 def struct_of(identifier: int, payload: bytes) -> bytes:
-    """linux/can.h: struct can_frame, or struct canfd_frame with CANFD_FDF."""
+    """Bytes of linux/can.h's struct can_frame, or of struct canfd_frame with CANFD_FDF."""
     if identifier & FD:
         head = struct.pack("<IBBBB", identifier & 0xFFFFFFFF, len(payload), 0x04, 0, 0)
         return head + payload.ljust(64, b"\0")
@@ -96,7 +96,7 @@ kinds = st.one_of(
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_frames_leave_as_the_kernels_structs(wire: SignalMapping, rows: Rows):
+def test_frames_are_sent_as_the_kernels_structs(wire: SignalMapping, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         assert wire.write(ours, rows) == Writing(len(rows), 0, 0, 0)
@@ -105,7 +105,7 @@ def test_frames_leave_as_the_kernels_structs(wire: SignalMapping, rows: Rows):
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_the_kernels_structs_arrive_as_frames(wire: SignalMapping, rows: Rows):
+def test_the_kernels_structs_are_read_as_frames(wire: SignalMapping, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for row in rows:
@@ -114,7 +114,7 @@ def test_the_kernels_structs_arrive_as_frames(wire: SignalMapping, rows: Rows):
 
 
 @pytest.mark.parametrize("size", range(65))
-def test_every_length_goes_both_ways(wire: SignalMapping, size: int):
+def test_frames_of_every_length_are_sent_and_received(wire: SignalMapping, size: int):
     rows = [(0x123 | FD, bytes(range(1, 1 + size)))]
     if size <= 8:
         rows.append((0x1ABCDEF0 | EXTENDED, bytes(range(1, 1 + size))))
@@ -124,7 +124,7 @@ def test_every_length_goes_both_ways(wire: SignalMapping, size: int):
         assert wire.read(theirs)[0] == rows
 
 
-def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(wire: SignalMapping, pair: Pair):
+def test_a_shorter_frame_keeps_no_bytes_of_the_previous_frame_in_its_buffer(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     buffers = make_buffers()
     rows = [(0x1FFFFFFF | EXTENDED | FD, b"\xff" * 64), (0x1 | FD, b""), (0x2, b"")]
@@ -133,14 +133,14 @@ def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(w
     assert [theirs.recv(200) for _ in rows] == [struct_of(*row) for row in rows]
 
 
-def test_a_kernel_that_marks_no_fd_frame_by_flag_marks_it_by_size(wire: SignalMapping, pair: Pair):
+def test_an_fd_frame_without_the_kernels_flag_is_recognized_by_its_size(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     theirs.send(struct.pack("<IBBBB64s", 0x123, 3, 0, 0, 0, b"abc"))
     assert wire.read(ours)[0] == [(0x123 | FD, b"abc")]
 
 
 @pytest.mark.parametrize("length", [9, 64, 255])
-def test_a_length_that_cannot_be_is_cut_to_what_there_is(wire: SignalMapping, pair: Pair, length: int):
+def test_an_impossible_length_is_cut_to_the_received_bytes(wire: SignalMapping, pair: Pair, length: int):
     ours, theirs = pair
     theirs.send(struct.pack("<IB3x8s", 0x123, length, b"12345678"))
     theirs.send(struct.pack("<IBBBB64s", 0x124, max(length, 65), 4, 0, 0, bytes(range(64))))
@@ -161,7 +161,7 @@ def test_batches_keep_every_frame_and_the_order(wire: SignalMapping, count: int)
 
 
 @pytest.mark.parametrize("room", [1, BATCH - 1, BATCH, BATCH + 1, 150])
-def test_what_there_is_no_room_for_waits_for_the_next_read(wire: SignalMapping, room: int):
+def test_frames_beyond_the_batch_size_wait_for_the_next_read(wire: SignalMapping, room: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         wire.write(ours, many(200))
@@ -172,7 +172,7 @@ def test_what_there_is_no_room_for_waits_for_the_next_read(wire: SignalMapping, 
         assert got == many(200)
 
 
-def test_our_pumps_rows_carry_their_arrival_and_what_was_dropped(wire: SignalMapping, pair: Pair):
+def test_datagrams_of_a_pump_carry_arrival_time_and_drop_count(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     stamps = [1, 2**62, 123_456_789_012_345]
     for number, stamp in enumerate(stamps):
@@ -184,7 +184,7 @@ def test_our_pumps_rows_carry_their_arrival_and_what_was_dropped(wire: SignalMap
     assert reading.dropped == stamps[-1] - 1
 
 
-def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(wire: SignalMapping):
+def test_the_kernels_arrival_time_and_drop_count_are_read_from_ancillary_data(wire: SignalMapping):
     # A real socket that gives them: UDP, where the kernel stamps and counts as it does for raw CAN.
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,
@@ -210,7 +210,7 @@ def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_fram
         assert reading.dropped == sent - len(arrivals)
 
 
-def test_what_is_no_frame_is_passed_over(wire: SignalMapping, pair: Pair):
+def test_datagrams_that_are_no_frames_are_skipped(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     for junk in (b"", b"x", bytes(15)):
         theirs.send(junk)
@@ -219,7 +219,7 @@ def test_what_is_no_frame_is_passed_over(wire: SignalMapping, pair: Pair):
 
 
 @pytest.mark.parametrize("count", [BATCH, 3 * BATCH])
-def test_a_flood_of_nothing_ends_the_read(wire: SignalMapping, count: int):
+def test_a_flood_of_empty_datagrams_ends_the_read(wire: SignalMapping, count: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for _ in range(count):
@@ -230,7 +230,7 @@ def test_a_flood_of_nothing_ends_the_read(wire: SignalMapping, count: int):
         assert rows == [(0x123, b"")]
 
 
-def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: SignalMapping):
+def test_a_socket_whose_other_end_closed_gives_its_queued_frames_then_none(wire: SignalMapping):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         theirs.send(struct_of(0x123, b"abc"))
@@ -240,11 +240,11 @@ def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: 
         assert wire.write(ours, many(3)) == Writing(0, 0, 3, errno.EPIPE)
 
 
-def test_nothing_there_is_no_error(wire: SignalMapping, pair: Pair):
+def test_reading_an_empty_socket_is_no_error(wire: SignalMapping, pair: Pair):
     assert wire.read(pair[0]) == ([], [], SocketReading(0, 0, -1))
 
 
-def test_a_full_queue_is_counted_and_later_frames_go(wire: SignalMapping, pair: Pair):
+def test_frames_for_a_full_queue_are_counted_and_later_ones_are_sent(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     written = wire.write(ours, many(5000))
     assert written.sent > 0
@@ -269,14 +269,14 @@ def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
         assert written == Writing(0, 0, 70, errno.EBADF)
 
 
-def test_what_is_no_socket_is_an_error(wire: SignalMapping):
+def test_a_descriptor_that_is_no_socket_is_an_error(wire: SignalMapping):
     with open(os.devnull, "rb") as file:  # noqa: PTH123
         frames, stamps = empty_frames(8), np.zeros(8, dtype=np.int64)
         reading = wire.read_frames(file.fileno(), make_buffers(), frames, stamps)
         assert reading.error == errno.ENOTSOCK
 
 
-def test_the_error_number_is_this_threads(wire: SignalMapping):
+def test_the_error_number_is_that_of_the_calling_thread(wire: SignalMapping):
     stop = threading.Event()
     wrong: list[int] = []
 

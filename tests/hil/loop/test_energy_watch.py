@@ -1,4 +1,4 @@
-"""A gate that nothing drives and that gains energy has diverged."""
+"""An undriven gate that gains energy is reported as diverged."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ N = 40
 
 
 def rows_of(speeds: np.ndarray) -> np.ndarray:
-    """Rows of a gate at 20 degrees whose drives turn without moving it, as far as their play lets them."""
+    """Rows of a gate at 20 degrees whose drives turn within their play, without moving it."""
     rows = np.zeros((N, len(COLUMNS)))
     rows[:, AT_ROW["gate_angle_deg"]] = 20.0
     rows[:, AT_ROW["ambient_temperature_degc"]] = 20.0
@@ -44,12 +44,12 @@ def gained(rows: np.ndarray, given: np.ndarray = NOTHING) -> int | None:
     return EnergyWatch(CONSTANTS, has_faults=False).gain(rows, given)
 
 
-def test_a_gate_that_slows_down_has_gained_nothing() -> None:
+def test_a_gate_that_slows_down_gains_no_energy() -> None:
     assert gained(rows_of(SLOWING)) is None
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.008, None), (0.012, 25)])
-def test_a_gain_of_more_than_a_hundredth_is_found_where_it_is(share: float, expected: int | None) -> None:
+def test_an_energy_gain_above_one_percent_is_found_at_its_row(share: float, expected: int | None) -> None:
     rows, speeds = rows_of(SLOWING), SLOWING.copy()
     over = potential(CONSTANTS.plant, CONSTANTS.load)
     start = energy(CONSTANTS.plant, CONSTANTS.load, over, motion_of(rows))[0] - over.least
@@ -59,14 +59,14 @@ def test_a_gain_of_more_than_a_hundredth_is_found_where_it_is(share: float, expe
     assert gained(rows_of(speeds)) == expected
 
 
-def test_what_came_before_the_last_block_counts() -> None:
+def test_energy_is_compared_with_that_of_earlier_blocks() -> None:
     watch = EnergyWatch(CONSTANTS, has_faults=False)
     assert watch.gain(rows_of(SLOWING), NOTHING) is None
     assert watch.gain(rows_of(SLOWING[::-1]), NOTHING) is not None
 
 
 @pytest.mark.parametrize("name", ["left_duty", "right_voltage_v"])
-def test_a_gate_that_is_driven_may_gain_what_it_gets(name: str) -> None:
+def test_a_driven_gate_may_gain_energy(name: str) -> None:
     given = NOTHING.copy()
     given[:, getattr(AT, name)] = 0.5
     assert gained(rows_of(SLOWING[::-1]), given) is None
@@ -74,13 +74,13 @@ def test_a_gate_that_is_driven_may_gain_what_it_gets(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["hand_force_n", "wind_pressure_pa", "pinch_force_n"])
-def test_a_gate_that_is_pushed_may_gain_what_it_gets(name: str) -> None:
+def test_a_pushed_gate_may_gain_energy(name: str) -> None:
     rows = rows_of(SLOWING[::-1])
     rows[:, AT_ROW[name]] = 20.0
     assert gained(rows) is None
 
 
-def test_a_road_that_tilts_begins_anew() -> None:
+def test_a_change_of_road_slope_restarts_the_energy_comparison() -> None:
     rows = rows_of(np.repeat([100.0, 200.0], N // 2))
     rows[N // 2 :, AT_ROW["road_slope_deg"]] = 5.0
     assert gained(rows) is None

@@ -1,4 +1,4 @@
-"""The closed loop in machine code: the same bits on every way, in one piece and in many."""
+"""The closed loop in machine code: bit-identical on all clocks, in one piece and in many."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 @pytest.fixture
 def log(tmp_path: Path) -> tuple[Path, ...]:
-    """Frames are kept where there is a recording."""
+    """Return a recorder that keeps the frames, where the test records."""
     return (tmp_path / "bus.log",)
 
 
@@ -53,7 +53,7 @@ def log(tmp_path: Path) -> tuple[Path, ...]:
 
 
 @pytest.mark.parametrize("scenario", [reversing(), releasing()])
-def test_compiled_and_in_plain_python_it_gives_the_same_bits(
+def test_an_episode_gives_the_same_bits_compiled_and_in_plain_python(
     scenario: Scenario, log: tuple[Path, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fast, fast_keeper = run_kept(scenario, records=log)
@@ -72,7 +72,7 @@ def test_compiled_and_in_plain_python_it_gives_the_same_bits(
         assert (fast.minima["latched"], fast.maxima["latched"]) == (0.0, 1.0)
 
 
-def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
+def test_a_python_ecu_acts_the_same_with_a_compiled_and_a_plain_python_loop(
     rig: Rig, log: tuple[Path, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def says(turn: int) -> list[can.Message]:
@@ -94,7 +94,7 @@ def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
 
 
 def recorded(folder: Path, scenario: Scenario, clock: str, **more: Any) -> tuple[bytes, list[str]]:
-    """(the plant's recording, the bus's lines without the name of the bus)."""
+    """Return (the plant's recording, the lines of the bus log without the name of the bus)."""
     paths = [folder / f"{clock}.csv", folder / f"{clock}.log"]
     result = lh.run(scenario, clock=clock, record=paths, **more)
     assert result.verdict == "pass", result.reason
@@ -119,7 +119,7 @@ def test_the_free_and_the_lockstep_clock_end_with_the_same_figures() -> None:
     assert figures[0] == figures[1]
 
 
-def test_twice_it_gives_the_same_bits_and_with_another_seed_others(log: tuple[Path, ...]) -> None:
+def test_an_episode_repeats_bit_for_bit_and_differs_with_another_seed(log: tuple[Path, ...]) -> None:
     scenario = reversing()
     (_, first), (_, second) = (run_kept(scenario, records=log) for _ in range(2))
     _, other = run_kept(scenario, records=log, seed=2)
@@ -132,13 +132,13 @@ def test_twice_it_gives_the_same_bits_and_with_another_seed_others(log: tuple[Pa
     assert first.rows[-2, true] != other.rows[-2, true]
 
 
-def test_without_noise_the_seed_changes_nothing(log: tuple[Path, ...]) -> None:
+def test_the_seed_has_no_effect_without_noise(log: tuple[Path, ...]) -> None:
     scenario = Scenario(NO_STIMULI, (Request(Instant(0.05), "open"),), 1.0)
     (_, first), (_, second) = (run_kept(scenario, records=log, seed=seed, ideal=True) for seed in (1, 2))
     assert first.bits() == second.bits()
 
 
-def test_a_recording_changes_nothing(log: tuple[Path, ...]) -> None:
+def test_recording_does_not_change_an_episode(log: tuple[Path, ...]) -> None:
     with_one, kept = run_kept(reversing(), records=log)
     without, bare = run_kept(reversing())
     assert kept.rows.tobytes() == bare.rows.tobytes()
@@ -147,7 +147,7 @@ def test_a_recording_changes_nothing(log: tuple[Path, ...]) -> None:
     assert with_one.events == without.events
 
 
-def test_episodes_in_several_threads_do_not_touch_one_another() -> None:
+def test_episodes_in_several_threads_do_not_affect_each_other() -> None:
     alone = {seed: run_kept(reversing(seed))[1].rows.tobytes() for seed in range(4)}
     together: dict[int, bytes] = {}
 
@@ -167,12 +167,12 @@ def test_episodes_in_several_threads_do_not_touch_one_another() -> None:
 
 
 def least_frames() -> int:
-    """The smallest ring in which a tick always has room."""
+    """Size of the smallest ring of frames that always has room for a tick."""
     return 2 * (wire.CAPACITY + len(loop_config().outputs.messages))
 
 
 @pytest.mark.parametrize(("rows", "frames"), [(7, 16_384), (4096, 5), (1, 1), (64, 200)])
-def test_a_ring_that_is_full_ends_a_stretch_and_nothing_is_lost(rig: Rig, rows: int, frames: int) -> None:
+def test_a_full_ring_interrupts_an_episode_without_losing_rows_or_frames(rig: Rig, rows: int, frames: int) -> None:
     whole = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([whole], adapter)
@@ -192,7 +192,7 @@ def test_a_ring_that_is_full_ends_a_stretch_and_nothing_is_lost(rig: Rig, rows: 
     memory.close()
 
 
-def test_a_run_in_pieces_is_the_run(rig: Rig) -> None:
+def test_an_episode_run_in_pieces_equals_one_run_at_once(rig: Rig) -> None:
     whole, pieces = Keeper(), Keeper()
     for keeper, stops in ((whole, [500]), (pieces, [1, 2, 3, 10, 11, 250, 499, 500])):
         with ReferenceEcu(rig, 2) as adapter:
@@ -212,7 +212,7 @@ def test_a_ring_too_small_for_a_tick_is_refused(rig: Rig) -> None:
     memory.close()
 
 
-def test_an_episode_that_is_asked_to_stop_ends_between_two_stretches(rig: Rig) -> None:
+def test_an_episode_asked_to_stop_ends_after_the_current_piece(rig: Rig) -> None:
     memory, keeper = Memory(100, 16_384), Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([keeper], adapter, memory=memory)
@@ -223,7 +223,7 @@ def test_an_episode_that_is_asked_to_stop_ends_between_two_stretches(rig: Rig) -
     memory.close()
 
 
-def test_an_episode_that_is_asked_to_stop_before_it_began_has_its_last_tick(rig: Rig) -> None:
+def test_an_episode_stopped_before_it_began_makes_only_its_last_tick(rig: Rig) -> None:
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         episode = episode_of([keeper], adapter)

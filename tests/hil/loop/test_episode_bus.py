@@ -1,4 +1,4 @@
-"""The closed loop in machine code: every frame once and in time, and every end told."""
+"""The closed loop in machine code: each frame once and on time, and how a run ends."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ from liftgate_hil.stimuli.timeline import Profile
 
 @pytest.fixture
 def log(tmp_path: Path) -> tuple[Path, ...]:
-    """Frames are kept where there is a recording."""
+    """Return a recorder that keeps the frames, where the test records."""
     return (tmp_path / "bus.log",)
 
 
 # The bus.
 
 
-def test_what_the_gate_sends_is_on_time_and_passes_the_codec(rig: Rig, log: tuple[Path, ...]) -> None:
+def test_the_gate_sends_its_messages_on_time_and_decodable(rig: Rig, log: tuple[Path, ...]) -> None:
     result, keeper = run_kept(releasing(), records=log)
     sent = keeper.wires(is_sent=True)
     for identifier, name, cycle in (
@@ -86,7 +86,7 @@ def test_what_the_gate_sends_is_on_time_and_passes_the_codec(rig: Rig, log: tupl
     assert result.summary.frames_sent == len(sent)
 
 
-def test_what_the_ecu_sends_reaches_the_gate_one_tick_later(rig: Rig, log: tuple[Path, ...]) -> None:
+def test_a_frame_of_the_ecu_reaches_the_gate_one_tick_later(rig: Rig, log: tuple[Path, ...]) -> None:
     _, keeper = run_kept(releasing(), records=log)
     commands = keeper.wires(is_sent=False)
     # It speaks before the first tick, and after each cycle; logged at the end of the tick that reads it.
@@ -112,7 +112,7 @@ WRONG: dict[str, Callable[[int, bytes], can.Message]] = {
 
 
 @pytest.mark.parametrize("cause", WRONG)
-def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, cause: str) -> None:
+def test_an_invalid_command_is_counted_and_has_no_effect(rig: Rig, cause: str) -> None:
     sound = [command_payload(rig, n, **both(60.0, OPEN, release=1)) for n in range(30)]
 
     def says(turn: int) -> list[can.Message]:
@@ -140,7 +140,7 @@ def test_a_command_whose_counter_stands_still_is_refused_and_times_out(rig: Rig)
     assert keeper.rows[:, COLUMN_PLACE["left_coast"]].max() == 1.0
 
 
-def test_many_frames_a_tick_all_arrive_in_their_order(log: tuple[Path, ...]) -> None:
+def test_many_frames_in_one_tick_all_arrive_in_order(log: tuple[Path, ...]) -> None:
     most = wire.CAPACITY
     ecu = ScriptedEcu(
         lambda turn: [message(0x100 + n % 16, bytes([turn, n // 256, n % 256])) for n in range(most)],
@@ -159,7 +159,7 @@ def test_many_frames_a_tick_all_arrive_in_their_order(log: tuple[Path, ...]) -> 
     assert result.summary.bus_load_percent == pytest.approx(percent)
 
 
-def test_every_kind_of_frame_goes_both_ways(rig: Rig, log: tuple[Path, ...]) -> None:
+def test_frames_of_every_kind_are_sent_and_received(rig: Rig, log: tuple[Path, ...]) -> None:
     kinds = [
         message(0x7FF, b"\xff"),
         message(0x000),
@@ -213,7 +213,7 @@ def test_a_plant_that_diverges_is_an_error_of_the_run_and_no_crash(
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_vehicle_that_is_none_diverges_in_its_first_tick(value: float) -> None:
+def test_an_impossible_vehicle_diverges_in_its_first_tick(value: float) -> None:
     vehicle = vehicle_from("suv")
     vehicle = vehicle._replace(gate=vehicle.gate._replace(mass=value))
     result = lh.run("demo", vehicle=vehicle, initial=40.0, trace=True)
@@ -222,7 +222,7 @@ def test_a_vehicle_that_is_none_diverges_in_its_first_tick(value: float) -> None
     assert len(result.trace["time_s"]) == 1
 
 
-def test_a_diverged_drive_is_noticed_even_where_the_gate_stands(rig: Rig) -> None:
+def test_a_diverged_drive_is_noticed_even_if_the_gate_stands_still(rig: Rig) -> None:
     config = loop_config(rig=rig)
     state = start_of(config)
     right = state.plant.right._replace(current=np.nan)
@@ -239,7 +239,7 @@ def test_a_diverged_drive_is_noticed_even_where_the_gate_stands(rig: Rig) -> Non
 # What is seen of it.
 
 
-def test_extremes_and_trace_agree_however_the_rows_come() -> None:
+def test_extremes_agree_with_the_trace_for_any_blocks_of_rows() -> None:
     random = np.random.default_rng(1)
     rows = random.normal(size=(1000, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = 0.001 * (1.0 + np.arange(1000))
@@ -259,7 +259,7 @@ def test_extremes_and_trace_agree_however_the_rows_come() -> None:
         assert trace.columns()["time_s"].tolist() == rows[::10, COLUMN_PLACE["time_s"]].tolist()
 
 
-def test_nothing_seen_is_no_extreme() -> None:
+def test_without_rows_or_contact_there_are_no_extremes() -> None:
     assert Extremes().high is None
     extremes = Extremes()
     extremes.take(np.zeros((3, ROW_WIDTH)), ())
@@ -275,7 +275,7 @@ def test_the_pinch_time_is_that_of_the_largest_force() -> None:
     assert result.maxima["pinch_force_n"] == result.trace["pinch_force_n"][peak]
 
 
-def test_a_summary_before_the_first_tick_divides_by_nothing() -> None:
+def test_a_summary_before_the_first_tick_is_all_zero() -> None:
     rig = shipped_rig()
     with PythonEcu(ScriptedEcu(lambda turn: []), rig, 2) as adapter:
         episode = episode_of([], adapter)
@@ -284,7 +284,7 @@ def test_a_summary_before_the_first_tick_divides_by_nothing() -> None:
     assert (summary.ticks, summary.bus_load_percent, summary.frames_sent) == (0, 0.0, 0)
 
 
-def test_frames_beyond_their_count_are_nobodys(rig: Rig) -> None:
+def test_recorders_get_only_as_many_frames_as_were_counted(rig: Rig) -> None:
     """Replies are arrays with room for more than was sent; a sink gets just the frames."""
     seen: list[Any] = []
 

@@ -1,4 +1,4 @@
-"""Locked memory: how much of it, and when none."""
+"""Locked memory: how much is locked, and when none is."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CURRENT, FUTURE, ONFAULT = 1, 2, 4  # mlockall(2)
 
 
 def machine(folder: Path, groups: str, **files: str) -> Path:
-    """A machine of which the process has touched 100 MiB; files are named by their paths, with __ for /."""
+    """Fake file system of a machine whose process has touched 100 MiB; names are paths with __ for /."""
     files |= {"proc__self__statm": f"{10 * PAGES} {PAGES} 0 0 0 0 0", "proc__self__cgroup": groups}
     for name, content in files.items():
         path = folder / name.replace("__", "/")
@@ -30,7 +30,7 @@ def machine(folder: Path, groups: str, **files: str) -> Path:
 
 
 def group(folder: str, allowed: object, used: int, given_up: int = 0) -> dict[str, str]:
-    """The files of a control group of version 2; `used` and `given_up` in MiB."""
+    """Files of a version 2 control group; `used` and `given_up` in MiB."""
     return {
         f"{folder}__memory.max": str(allowed),
         f"{folder}__memory.current": str(used * MIB),
@@ -48,7 +48,7 @@ def group(folder: str, allowed: object, used: int, given_up: int = 0) -> dict[st
         (300 * MIB, 400, 0, 0),
     ],
 )
-def test_a_control_group_must_have_room_for_as_much_as_was_touched(
+def test_memory_is_locked_only_if_the_control_group_has_room_for_the_touched_memory(
     tmp_path: Path, allowed: object, used: int, given_up: int, left: int | None
 ) -> None:
     root = machine(tmp_path, "0::/a/b", **group("sys__fs__cgroup__a__b", allowed, used, given_up))
@@ -57,14 +57,14 @@ def test_a_control_group_must_have_room_for_as_much_as_was_touched(
     assert bool(said) == (left is not None)
 
 
-def test_the_groups_above_count_too(tmp_path: Path) -> None:
+def test_limits_of_parent_control_groups_count_too(tmp_path: Path) -> None:
     inner = group("sys__fs__cgroup__a__b", "max", 50)
     for number, outer in enumerate(("sys__fs__cgroup__a", "sys__fs__cgroup")):
         root = machine(tmp_path / str(number), "0::/a/b", **inner, **group(outer, 100 * MIB, 70))
         assert "30 MiB left" in short_of_memory(root)
 
 
-def test_the_first_version_of_control_groups_has_other_names(tmp_path: Path) -> None:
+def test_limits_of_version_1_control_groups_are_read_too(tmp_path: Path) -> None:
     top = "sys__fs__cgroup__memory__x"
     files = {
         f"{top}__memory.limit_in_bytes": str(120 * MIB),
@@ -76,16 +76,16 @@ def test_the_first_version_of_control_groups_has_other_names(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("groups", ["0::/", "4:memory:/not/in/this/container", ""])
-def test_without_a_limit_there_is_room(tmp_path: Path, groups: str) -> None:
+def test_without_a_memory_limit_there_is_room(tmp_path: Path, groups: str) -> None:
     assert short_of_memory(machine(tmp_path, groups)) == ""
     assert short_of_memory(tmp_path / "nowhere") == ""
 
 
 @pytest.mark.parametrize(("is_limited", "flags"), [(False, CURRENT | ONFAULT | FUTURE), (True, CURRENT | ONFAULT)])
-def test_below_a_limit_nothing_is_locked_that_is_mapped_later(
+def test_under_a_memory_limit_later_mappings_are_not_locked(
     monkeypatch: pytest.MonkeyPatch, is_limited: bool, flags: int
 ) -> None:
-    """There the next allocation would fail at the limit, and with it the run."""
+    """Else the next allocation would fail at the limit, and with it the run."""
     asked = []
 
     class Library:
@@ -100,8 +100,8 @@ def test_below_a_limit_nothing_is_locked_that_is_mapped_later(
     assert asked == [flags]
 
 
-def test_what_is_touched_is_locked_and_nothing_else() -> None:
-    """In a process of its own, as all of its memory is meant; where the machine refuses, it says so."""
+def test_touched_memory_is_locked_and_no_other() -> None:
+    """Runs in a process of its own, whose whole memory is locked; a refusal by the machine is reported."""
     code = (
         "import mmap\n"
         "from pathlib import Path\n"

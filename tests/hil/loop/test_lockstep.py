@@ -1,4 +1,4 @@
-"""Lockstep: the commands of an ECU are the clock, whatever else is on the bus."""
+"""Lockstep: the commands of an ECU are the clock, whatever other frames are on the bus."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PERIOD = Lockstep(COMMAND, 10)
 
 
 def used_up(loop: Loop, transport: Memory) -> Callable[[], bool]:
-    """Stop once nothing is left to be read and the time stands."""
+    """Return a stop check that is true once nothing is left to read and time stands still."""
     seen = -1
 
     def stopped() -> bool:
@@ -34,7 +34,7 @@ def used_up(loop: Loop, transport: Memory) -> Callable[[], bool]:
 
 
 def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tuple[Loop, Notes]:
-    """Run until all batches are used up, the first of which is there at the start."""
+    """Run in lockstep until all batches are read, the first of which is there at the start."""
     first, *later = batches
     transport, notes = Memory([first, [], *later]), Notes()
     loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
@@ -57,7 +57,7 @@ def test_several_commands_in_one_read_each_get_their_own_period(rig: Rig):
     assert loop.state.timeouts == 0
 
 
-def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
+def test_other_frames_are_processed_with_the_command_that_follows_them(rig: Rig):
     panel = panel_frame(rig, HandForce=10.0)
     batches: list[Rows] = [
         [command(rig, 9)],
@@ -82,12 +82,12 @@ def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
     ]
 
 
-def test_without_a_command_the_time_stands(rig: Rig):
+def test_without_a_command_lockstep_time_stands_still(rig: Rig):
     loop, _ = lockstep(rig, [[(0x55, b"a")], [panel_frame(rig)], []] * 5)
     assert loop.state.tick == 0
 
 
-def test_what_came_before_the_start_is_dropped_and_counted(rig: Rig):
+def test_frames_from_before_a_lockstep_run_are_dropped_and_counted(rig: Rig):
     batches: list[Rows] = [
         [(0x55, b"a"), command(rig, 0), command(rig, 1)],
         [command(rig, n) for n in range(2, 300)],  # more than is read at once
@@ -105,9 +105,7 @@ def test_what_came_before_the_start_is_dropped_and_counted(rig: Rig):
 
 
 class Answering:
-    """The other end of a wire: an ECU that answers each `Gate` frame with one command, and had said so much before
-    the gate was there.
-    """
+    """Wire to an ECU that answers each `Gate` frame with one command, and sent `said` frames before the run."""
 
     name = "answering"
     is_up = True
@@ -142,7 +140,7 @@ class Answering:
 
 
 @pytest.mark.parametrize("said", [1, 2, 7, 300])
-def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_said_before(rig: Rig, said: int):
+def test_an_ecu_answering_each_frame_never_has_two_commands_pending(rig: Rig, said: int):
     ecu = Answering(rig, said)
     loop = loop_of(ecu, loop_config(rig=rig), command=COMMAND)
     loop.begin(is_first=True)
@@ -155,7 +153,7 @@ def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_sa
 
 
 class Silence:
-    """A wire without anybody, and the clock that waiting on it moves on."""
+    """A silent wire, with the clock that waiting on it advances."""
 
     name = "silence"
     is_up = True
@@ -186,7 +184,7 @@ class Silence:
         pass
 
 
-def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_lockstep_reports_that_it_is_ready_and_the_awaited_message(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     wire = Silence(monkeypatch, {50: [command(rig, 0)]})
     loop = loop_of(wire, loop_config(rig=rig))
     said: list[str] = []
@@ -232,7 +230,7 @@ def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):
     assert loop.state.tick == ticks
 
 
-def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
+def test_lockstep_does_not_depend_on_how_frames_are_batched(rig: Rig):
     rows = [row for n in range(30) for row in (command(rig, n), panel_frame(rig, HandForce=n))]
     one, _ = lockstep(rig, [[row] for row in rows] + [[]])
     all_, _ = lockstep(rig, [rows[:1], rows[1:], []])
@@ -240,7 +238,7 @@ def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
     assert one.state.tick == all_.state.tick == 300
 
 
-def test_lockstep_goes_on_can_fd_commands_too():
+def test_lockstep_advances_on_can_fd_commands_too():
     rig = rig_from(str(Path(__file__).parents[2] / "system/foreign/foreign.toml"))
     message = rig.messages["KlappeSoll"]
     payload = message.encode(
@@ -259,14 +257,14 @@ FOREIGN = (0x55, bytes(8))
 
 
 class Wire(Memory):
-    """Gives so many frames at a read, as buses do."""
+    """A wire that gives a limited number of frames at each read, as buses do."""
 
     def __init__(self, rows: Rows) -> None:
         super().__init__([rows[start : start + 256] for start in range(0, len(rows), 256)])
 
 
 class Refilled(Wire):
-    """At each round of reads a flood has come, and a command behind it."""
+    """A wire that at each round of reads has a flood of frames followed by a command."""
 
     def __init__(self, rig: Rig) -> None:
         super().__init__([])
@@ -280,7 +278,7 @@ class Refilled(Wire):
         return super().receive(timeout)
 
 
-def test_commands_behind_a_flood_of_other_frames_are_not_late(rig: Rig):
+def test_commands_after_a_flood_of_other_frames_are_not_late(rig: Rig):
     wire = Refilled(rig)
     loop = loop_of(wire, loop_config(rig=rig))
     run_lockstep(loop, PERIOD, 50, never)
@@ -290,7 +288,7 @@ def test_commands_behind_a_flood_of_other_frames_are_not_late(rig: Rig):
 
 
 class Flooded(Wire):
-    """Never empty: a command a read, among others."""
+    """A wire that is never empty: each read gives a command among other frames."""
 
     def __init__(self, rig: Rig) -> None:
         super().__init__([])
@@ -302,7 +300,7 @@ class Flooded(Wire):
         return frames_of([FOREIGN, command(self._rig, self.reads)])
 
 
-def test_a_flood_without_an_end_does_not_keep_it_from_ticking_or_from_stopping(rig: Rig):
+def test_an_endless_flood_keeps_lockstep_neither_from_ticking_nor_from_stopping(rig: Rig):
     wire = Flooded(rig)
     loop = loop_of(wire, loop_config(rig=rig))
     run_lockstep(loop, PERIOD, None, lambda: loop.state.tick >= 300)
@@ -310,7 +308,7 @@ def test_a_flood_without_an_end_does_not_keep_it_from_ticking_or_from_stopping(r
     assert wire.reads <= 18 * 64 + 30  # the first round, and one a command
 
 
-def test_frames_that_wait_for_a_silent_ecu_have_an_end(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_frames_kept_for_a_silent_ecu_are_limited_in_number(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("liftgate_hil.loop.lockstep._MOST", 1000)
     wire = Wire([FOREIGN] * 2560 + [(0x56, b"")] * 900 + [command(rig, 0)])
     loop = loop_of(wire, loop_config(rig=rig))
@@ -320,7 +318,7 @@ def test_frames_that_wait_for_a_silent_ecu_have_an_end(rig: Rig, monkeypatch: py
     assert loop.summary("lockstep").link == LinkCounts(dropped=2560 + 900 - kept)
 
 
-def test_frames_wait_in_the_order_in_which_they_came():
+def test_waiting_frames_are_processed_in_order_of_arrival():
     waiting = Waiting(COMMAND)
     waiting.add(frames_of([(1, b"a"), (2, b"b"), (COMMAND, b"c"), (COMMAND | FD, b"d"), (3, b"e")]))
     waiting.add(empty_frames(3))
@@ -333,7 +331,7 @@ def test_frames_wait_in_the_order_in_which_they_came():
 
 
 class Echoing(Memory):
-    """A bus that gives a node its own frames back, from a queue with an end."""
+    """A bus that returns a node's own frames to it, from a queue of limited size."""
 
     def __init__(self, batches: Sequence[Rows]) -> None:
         super().__init__(batches)
@@ -350,7 +348,7 @@ class Echoing(Memory):
         return super().receive(timeout)
 
 
-def test_queued_commands_are_processed_without_the_queue_filling_with_own_frames(rig: Rig):
+def test_queued_commands_are_processed_before_echoes_of_own_frames_fill_the_queue(rig: Rig):
     first, *later = (command(rig, n % 16) for n in range(200))
     transport = Echoing([[first], [], later])
     loop = loop_of(transport, loop_config(rig=rig))

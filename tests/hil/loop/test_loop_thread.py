@@ -1,4 +1,4 @@
-"""Threads of loops are found by their name, and each bench keeps off the CPU of an earlier one."""
+"""Loop threads are found by their name; each bench avoids the CPU of an earlier one."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ print(json.dumps(found))
 """
 
 
-def test_a_loop_keeps_off_the_cpu_of_an_earlier_one() -> None:
+def test_a_loop_avoids_the_cpu_of_an_earlier_loop() -> None:
     done = subprocess.run([sys.executable, "-c", TWO], capture_output=True, text=True, check=True, timeout=60)
     allowed, (before_first, first), beside_one, (before_second, second), beside_two = json.loads(done.stdout)
     assert (before_first, before_second) == ([], first)

@@ -1,4 +1,4 @@
-"""The thread of a loop: what it requests of the machine, what is refused, what outlives it, and its CPU."""
+"""Thread of a loop: its requests to the machine, refusals, what remains after it, its CPU."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def child(code: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_what_a_program_has_frozen_itself_stays_frozen():
+def test_objects_frozen_by_the_program_itself_stay_frozen_after_a_run():
     done = child("""
         import gc
         gc.freeze()
@@ -54,7 +54,7 @@ def test_what_a_program_has_frozen_itself_stays_frozen():
     assert done.stderr == ""
 
 
-def test_all_that_is_refused_is_reported_with_how_to_get_it():
+def test_every_refused_request_is_reported_with_its_remedy():
     done = child("""
         asked = Realtime()
         drop()
@@ -75,7 +75,7 @@ def test_all_that_is_refused_is_reported_with_how_to_get_it():
         assert "to get it: " in line
 
 
-def test_a_run_that_is_refused_everything_goes_on():
+def test_a_run_goes_on_if_every_request_is_refused():
     done = child("""
         prepare = Realtime.prepare
 
@@ -93,7 +93,7 @@ def test_a_run_that_is_refused_everything_goes_on():
     assert done.stdout.startswith("ticks 101, ")
 
 
-def test_what_is_given_is_the_threads_alone_and_children_do_not_get_it():
+def test_real_time_settings_hold_for_the_thread_alone_and_not_for_children():
     done = child("""
         import gc
         CODE = "import os; print(os.sched_getscheduler(0))"
@@ -127,7 +127,7 @@ def test_what_is_given_is_the_threads_alone_and_children_do_not_get_it():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_fifo_is_asked_for_so_that_children_do_not_inherit_it(monkeypatch: pytest.MonkeyPatch):
+def test_fifo_is_requested_with_reset_on_fork(monkeypatch: pytest.MonkeyPatch):
     asked: list[Any] = []
     monkeypatch.setattr(os, "sched_setaffinity", lambda *given: asked.append(given))
     monkeypatch.setattr(os, "sched_setscheduler", lambda *given: asked.append(given))
@@ -140,7 +140,7 @@ def test_fifo_is_asked_for_so_that_children_do_not_inherit_it(monkeypatch: pytes
 
 
 @pytest.mark.parametrize("has_asked", [True, False])
-def test_without_fifo_a_loop_that_nobody_asked_for_stays_on_its_cpu(
+def test_without_fifo_only_an_explicit_real_time_request_moves_a_loop_to_the_best_cpu(
     monkeypatch: pytest.MonkeyPatch, has_asked: bool
 ):
     taken: list[set[int]] = []
@@ -152,7 +152,7 @@ def test_without_fifo_a_loop_that_nobody_asked_for_stays_on_its_cpu(
     assert len(taken[0]) == 1
 
 
-def test_deep_sleep_is_left_to_the_machine_unless_somebody_asks(monkeypatch: pytest.MonkeyPatch):
+def test_deep_cpu_sleep_is_disabled_only_on_an_explicit_real_time_request(monkeypatch: pytest.MonkeyPatch):
     woken: list[bool] = []
     monkeypatch.setattr(Realtime, "_wake_fast", lambda asked: woken.append(asked.has_asked))
     monkeypatch.setattr(priority, "lock_memory", lambda: "")
@@ -165,7 +165,7 @@ def test_deep_sleep_is_left_to_the_machine_unless_somebody_asks(monkeypatch: pyt
 
 
 @pytest.mark.parametrize("realtime", ["", "--no-realtime", "--realtime"])
-def test_what_is_refused_is_said_in_one_line_in_full_or_not_at_all(realtime: str):
+def test_refused_requests_are_reported_completely_in_one_line_or_not_at_all(realtime: str):
     done = child(f"""
         priority.ask_for_fifo = lambda *_: "FIFO scheduling: no; to get it: a limit"
         priority.lock_memory = lambda: "locked memory: no; to get it: a limit"
@@ -184,7 +184,7 @@ def test_what_is_refused_is_said_in_one_line_in_full_or_not_at_all(realtime: str
 
 
 class FakeThread:
-    """Its scheduling, as the kernel keeps it."""
+    """Scheduling of a thread as the kernel keeps it."""
 
     def __init__(self, policy: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = (policy, number)
@@ -207,7 +207,7 @@ FORMER = [(os.SCHED_OTHER, 0), (os.SCHED_BATCH, 0), (os.SCHED_RR, 7), (os.SCHED_
 
 
 @pytest.mark.parametrize("former", FORMER)
-def test_a_thread_beside_the_loop_has_its_former_policy_and_priority_again(
+def test_a_helper_thread_gets_its_former_policy_and_priority_back(
     former: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ):
     thread = FakeThread(*former, monkeypatch)
@@ -219,7 +219,7 @@ def test_a_thread_beside_the_loop_has_its_former_policy_and_priority_again(
     assert thread.now == former
 
 
-def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(monkeypatch: pytest.MonkeyPatch):
+def test_without_permission_to_clear_the_reset_on_fork_flag_only_the_flag_remains(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_OTHER, 0, monkeypatch)
     thread.limit = PRIORITY_BESIDE
     with Realtime().beside():
@@ -227,7 +227,7 @@ def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(monkeypat
     assert thread.now == (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0)
 
 
-def test_a_priority_above_the_threads_own_limit_is_lost_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch):
+def test_a_run_goes_on_if_a_former_priority_above_the_limit_is_not_restored(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_FIFO, 50, monkeypatch)
     thread.limit = 0
     with Realtime().beside():
@@ -235,7 +235,7 @@ def test_a_priority_above_the_threads_own_limit_is_lost_and_the_run_goes_on(monk
     assert thread.now == BESIDE
 
 
-def test_a_thread_that_is_refused_fifo_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch):
+def test_a_thread_that_is_refused_fifo_is_left_unchanged(monkeypatch: pytest.MonkeyPatch):
     thread = FakeThread(os.SCHED_BATCH, 0, monkeypatch)
     thread.limit = 0
     with Realtime().beside():
@@ -243,7 +243,7 @@ def test_a_thread_that_is_refused_fifo_is_left_as_it_is(monkeypatch: pytest.Monk
     assert thread.now == (os.SCHED_BATCH, 0)
 
 
-def test_a_cpu_that_vanished_is_reported_by_its_number(monkeypatch: pytest.MonkeyPatch):
+def test_a_cpu_that_went_offline_is_reported_by_its_number(monkeypatch: pytest.MonkeyPatch):
     def refuse(*given: object) -> None:
         raise OSError(22, "Invalid argument")
 
@@ -262,7 +262,7 @@ def test_a_cpu_that_vanished_is_reported_by_its_number(monkeypatch: pytest.Monke
     ("text", "cpus"),
     [("", []), ("0", [0]), ("2-3,6", [2, 3, 6]), ("1-1", [1]), ("0-2,4,8-11", [0, 1, 2, 4, 8, 9, 10, 11])],
 )
-def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
+def test_a_list_of_cpus_is_parsed(text: str, cpus: list[int]):
     assert cpus_of(text) == cpus
 
 
@@ -277,7 +277,7 @@ def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
         (None, {4}, 4),
     ],
 )
-def test_the_best_cpu_is_an_isolated_one_that_is_allowed(
+def test_the_best_cpu_is_an_allowed_isolated_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, isolated: str | None, allowed: set[int], best: int
 ):
     file = tmp_path / "isolated"
@@ -290,7 +290,7 @@ def test_the_best_cpu_is_an_isolated_one_that_is_allowed(
 
 
 @pytest.mark.skipif(os.uname().machine not in ("x86_64", "aarch64"), reason="other system calls")
-def test_a_thread_that_wakes_sharply_has_the_least_slack_and_slice_and_all_else_as_before():
+def test_precise_waking_sets_the_least_timer_slack_and_time_slice_only():
     done = child("""
         import ctypes, struct
         library = ctypes.CDLL(None)
@@ -330,7 +330,7 @@ def test_a_loop_without_fifo_keeps_the_cpu_on_which_it_begins(tmp_path: Path):
     cpus: list[set[int]] = []
 
     class Looking:
-        """An ECU that looks at the threads of its process: the loop's is one of them."""
+        """ECU that looks at the threads of its process, the loop's thread among them."""
 
         def step(self, now_s: float, frames: object) -> list[object]:
             for thread in Path("/proc/self/task").iterdir():
@@ -348,7 +348,7 @@ def test_a_loop_without_fifo_keeps_the_cpu_on_which_it_begins(tmp_path: Path):
     assert os.sched_getaffinity(0) == before
 
 
-def test_a_loop_whose_cpu_cannot_be_kept_runs_all_the_same(monkeypatch: pytest.MonkeyPatch):
+def test_a_loop_whose_cpu_affinity_is_refused_still_runs(monkeypatch: pytest.MonkeyPatch):
     def refuse(*_: object) -> None:
         raise PermissionError(errno.EPERM, "Operation not permitted")
 

@@ -1,4 +1,4 @@
-"""What a run tells while it runs."""
+"""Messages about the progress of a run."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NotingListener(Listener):
 
 
 class Bench:
-    """A gate that receives, and a monitor on it; its clock goes by hand."""
+    """A receiving gate with a progress monitor; the test sets its clock."""
 
     def __init__(self, apart: str = "", within: str = "") -> None:
         self.now = 100.0
@@ -81,14 +81,14 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
+def test_a_valid_command_is_shown_in_the_status_without_a_message(bench: Bench):
     bench.receive(command_payload(bench.rig, 1), tick=10)
     assert bench.look(tick=15) == []
     (status,) = bench.told.seen
     assert status == RunStatus(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
 
 
-def test_each_first_refusal_is_reported_once_with_what_was_expected(bench: Bench):
+def test_the_first_refusal_of_each_kind_is_reported_once_with_the_expected_value(bench: Bench):
     good = command_payload(bench.rig, 1)
     bench.receive(good, tick=10)
     bench.receive(good, tick=20)
@@ -112,7 +112,7 @@ def test_each_first_refusal_is_reported_once_with_what_was_expected(bench: Bench
     assert bench.told.seen[-1].rejected == 6
 
 
-def test_what_is_waited_for_is_reported_when_it_is_long_in_coming(bench: Bench):
+def test_an_awaited_command_is_named_after_a_while(bench: Bench):
     assert bench.look(after=0.0) == []
     assert bench.look(tick=1000) == []
     assert bench.look(tick=2500, after=1.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
@@ -125,7 +125,7 @@ def test_what_is_waited_for_is_reported_when_it_is_long_in_coming(bench: Bench):
     assert bench.look(tick=9301) == ["9.301 s: DriveCommand received"]
 
 
-def test_frames_that_cannot_be_sent_are_reported_once_and_again_when_they_can(bench: Bench):
+def test_send_failures_are_reported_once_and_so_is_their_end(bench: Bench):
     bench.receive(command_payload(bench.rig, 1), tick=0)
     assert bench.look(tick=100) == []
     bench.link = LinkCounts(send_failures=12, send_queue_full=12)
@@ -143,7 +143,7 @@ def test_frames_that_cannot_be_sent_are_reported_once_and_again_when_they_can(be
     ]  # fmt: skip
 
 
-def test_of_a_link_that_is_lost_is_not_told_that_frames_cannot_be_sent(bench: Bench):
+def test_send_failures_of_a_lost_link_are_not_reported(bench: Bench):
     bench.receive(command_payload(bench.rig, 1), tick=0)
     bench.look(tick=100)
     for tick, link in enumerate(
@@ -157,7 +157,7 @@ def test_of_a_link_that_is_lost_is_not_told_that_frames_cannot_be_sent(bench: Be
     assert "frames cannot be sent" in bench.look(tick=400)[0]
 
 
-def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
+def test_events_of_the_ecu_are_reported_as_they_happen(bench: Bench):
     bench.events.append(Event(0.5, IN_WORDS, "opening"))
     assert bench.look(tick=600) == []  # the rows up to it are judged by the next look
     assert bench.look(tick=700) == ["0.5 opening"]
@@ -167,7 +167,7 @@ def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     assert bench.look(tick=900) == []
 
 
-def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):
+def test_a_bus_with_foreign_frames_only_is_reported_as_such(bench: Bench):
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
     assert bench.look(tick=2500, after=2.5) == [
@@ -177,7 +177,7 @@ def test_a_bus_with_frames_of_others_only_is_reported_as_that(bench: Bench):
     assert bench.told.seen[-1].foreign == 1
 
 
-def test_frames_of_others_that_come_later_are_reported_once_while_no_command_was_valid(bench: Bench):
+def test_later_foreign_frames_are_reported_once_until_a_command_was_valid(bench: Bench):
     """An ECU with another database may be started after the gate."""
     bench.look()
     assert bench.look(tick=2500, after=2.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
@@ -187,7 +187,7 @@ def test_frames_of_others_that_come_later_are_reported_once_while_no_command_was
     assert bench.look(tick=5500) == []
 
 
-def test_frames_of_others_are_no_news_after_a_valid_command(bench: Bench):
+def test_foreign_frames_after_a_valid_command_are_not_reported(bench: Bench):
     bench.look()
     bench.receive(command_payload(bench.rig, 1), tick=10)
     bench.look(tick=11)
@@ -197,7 +197,7 @@ def test_frames_of_others_are_no_news_after_a_valid_command(bench: Bench):
     assert bench.look(tick=2500, after=2.5) == []
 
 
-def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
+def test_on_a_shared_bus_foreign_frames_are_reported_with_how_to_separate_benches():
     bench = Bench(APART)
     bench.look()
     bench.receive(b"\1\2", identifier=0x1A0)
@@ -205,7 +205,7 @@ def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
     assert said.endswith(f"0x1A0 is on the bus, but not received by this rig; {REMEDY}; {APART}")
 
 
-def test_frames_of_another_bench_are_no_sign_of_another_rig():
+def test_frames_of_another_bench_are_not_taken_for_a_wrong_rig():
     bench = Bench(APART)
     bench.look()
     bench.receive(b"\1\2", identifier=0x210)
@@ -213,14 +213,14 @@ def test_frames_of_another_bench_are_no_sign_of_another_rig():
     assert "check that `rig`" not in said
 
 
-def test_a_wait_on_a_bus_that_no_other_process_reaches_says_so():
+def test_waiting_on_a_bus_that_no_other_process_reaches_is_reported():
     bench = Bench(within="a virtual bus is within one process")
     bench.look()
     (said,) = bench.look(tick=2500, after=2.5)
     assert said == ("2.500 s: waits for DriveCommand (0x120), motors off; a virtual bus is within one process")
 
 
-def test_a_counter_that_jumps_all_the_time_is_reported_once():
+def test_a_counter_that_keeps_jumping_is_reported_once():
     bench = Bench()
     bench.look()
     for number in range(40):
@@ -235,7 +235,7 @@ def test_a_counter_that_jumps_all_the_time_is_reported_once():
 
 @pytest.mark.parametrize(("is_sound", "number_of_them"), [(True, 3), (False, 4)])
 def test_frames_of_another_message_do_not_hide_missing_commands(is_sound: bool, number_of_them: int):
-    """Neither those of the test bench that are accepted nor those that are refused."""
+    """Neither accepted nor refused frames of the test bench hide them."""
     bench = Bench()
     bench.look()
     payload = panel_frame(bench.rig)[1] if is_sound else b"\0"
@@ -246,7 +246,7 @@ def test_frames_of_another_message_do_not_hide_missing_commands(is_sound: bool, 
     assert any("are missing by their counter" in each for each in bench.look(tick=600))
 
 
-def test_refused_frames_are_not_told_as_missing_ones():
+def test_refused_frames_are_not_reported_as_missing():
     bench = Bench()
     bench.look()
     for number in range(100):
@@ -259,7 +259,7 @@ def test_refused_frames_are_not_told_as_missing_ones():
     assert not [each for each in said if "missing" in each]
 
 
-def test_another_gate_is_reported_though_other_control_units_were_heard_before():
+def test_another_gate_is_reported_even_after_other_control_units_were_heard():
     bench = Bench()
     bench.look()
     for identifier in (0x3B3, 0x18FF0102 | EXTENDED, 0x210):
@@ -268,7 +268,7 @@ def test_another_gate_is_reported_though_other_control_units_were_heard_before()
     assert "received LeftDrive (0x210)" in said
 
 
-def test_a_frame_of_another_gate_is_not_called_unknown_as_well():
+def test_a_frame_of_another_gate_is_not_also_reported_as_unknown():
     bench = Bench()
     bench.look()
     bench.receive(bytes(8), identifier=0x210)
@@ -278,7 +278,7 @@ def test_a_frame_of_another_gate_is_not_called_unknown_as_well():
 
 
 @pytest.mark.parametrize("apart", ["", APART])
-def test_another_gate_on_the_bus_is_reported_once_whether_or_not_commands_come(apart: str):
+def test_another_gate_on_the_bus_is_reported_once_with_or_without_commands(apart: str):
     bench = Bench(apart)
     bench.look()
     for number in range(3):
@@ -292,7 +292,7 @@ def test_another_gate_on_the_bus_is_reported_once_whether_or_not_commands_come(a
         assert said == ([expected] if number == 0 else [])
 
 
-def test_a_checksum_of_64_bits_is_asked_to_the_last_digit(bench: Bench):
+def test_a_64_bit_checksum_is_reported_to_the_last_digit(bench: Bench):
     refusal = bench.reception.refusals[BAD_CHECKSUM]
     refusal.count, refusal.message = 1, 0
     refusal.checksum, refusal.right_checksum = -1, 2**62 + 1
@@ -300,7 +300,7 @@ def test_a_checksum_of_64_bits_is_asked_to_the_last_digit(bench: Bench):
     assert said.endswith("Checksum is 0xFFFFFFFFFFFFFFFF; expected 0x4000000000000001")
 
 
-def test_a_first_frame_with_a_counter_that_there_is_none_of_is_reported(bench: Bench):
+def test_a_first_frame_with_an_impossible_counter_value_is_reported(bench: Bench):
     refusal = bench.reception.refusals[BAD_COUNTER]
     refusal.count, refusal.message, refusal.found, refusal.expected = 1, 0, 15.0, np.nan
     (said,) = bench.look()

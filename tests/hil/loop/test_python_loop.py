@@ -1,4 +1,4 @@
-"""The loop around the tick: transports, recorders and peers."""
+"""The Python loop around the tick: transports, recorders and peers."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ from liftgate_hil.transport.can_bus import CanTransport
 
 
 @pytest.mark.parametrize("ticks", [1, 7, 100])
-def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
+def test_a_free_run_makes_the_requested_number_of_ticks(rig: Rig, ticks: int):
     notes = Notes()
     loop = loop_of(Memory(), loop_config(rig=rig), sinks=[notes])
     run_free(loop, ticks, never)
@@ -71,13 +71,13 @@ def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
     assert notes.times == pytest.approx([0.001 * (1 + number) for number in range(ticks)])
 
 
-def test_a_run_ends_when_it_is_asked_to(rig: Rig):
+def test_a_python_loop_ends_when_asked_to_stop(rig: Rig):
     loop = loop_of(Memory(), loop_config(rig=rig))
     run_free(loop, None, lambda: loop.state.tick >= 42)
     assert loop.state.tick == 42
 
 
-def test_dropped_frames_are_in_the_rows_and_the_figures_those_before_the_start_are_not(rig: Rig):
+def test_frames_dropped_during_the_run_are_recorded_and_earlier_ones_are_not(rig: Rig):
     class Lossy(Memory):
         dropped = 100
 
@@ -100,7 +100,7 @@ def test_dropped_frames_are_in_the_rows_and_the_figures_those_before_the_start_a
     assert loop.summary("lockstep").link == LinkCounts(dropped=4)
 
 
-def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(rig: Rig):
+def test_the_end_of_a_run_sends_every_message_with_motors_off_and_silences_the_peers(rig: Rig):
     polled: list[int] = []
 
     class Peer:
@@ -125,7 +125,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
     assert len(notes.times) == 11
 
 
-def test_beginning_leaves_no_trace(rig: Rig):
+def test_beginning_a_run_sends_and_records_nothing(rig: Rig):
     transport, notes = Memory(), Notes()
     loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
     loop.begin()
@@ -133,7 +133,7 @@ def test_beginning_leaves_no_trace(rig: Rig):
     assert loop.summary("free").frames_sent == 0
 
 
-def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
+def test_a_recorder_gets_every_sent_and_received_frame_once(rig: Rig):
     batches: list[Rows] = [[command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
     loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
@@ -148,7 +148,7 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
     assert summary.bus_load_percent == pytest.approx(100.0 * bits / (500_000 * 0.1))
 
 
-def test_a_plant_that_diverged_ends_the_run_after_its_frames_went_out(rig: Rig):
+def test_a_diverged_plant_ends_the_run_after_its_frames_were_sent(rig: Rig):
     config = loop_config(rig=rig)
     state = start_of(config)
     broken = state.plant._replace(gate_angle=math.nan)
@@ -174,7 +174,7 @@ def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
 
 
 def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu, list[Path]]:
-    """The emulator and the ECU; recordings in CSV and candump's text."""
+    """Run emulator and ECU; record as CSV and as candump text."""
     folder.mkdir()
     channel = str(uuid.uuid4())
     ours = CanTransport({"interface": "virtual", "channel": channel})
@@ -224,7 +224,7 @@ SOUND = 10_000
 
 
 def junk(rig: Rig, number: int, seed: int) -> Rows:
-    """Frames that a broken or hostile node might send."""
+    """Frames such as a broken or hostile node might send."""
     random = np.random.default_rng(seed)
     ours = [COMMAND, BENCH_CONTROL]
     rows: Rows = []
@@ -328,7 +328,7 @@ def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survive
     check_survived(loop, rig, heard)
 
 
-def test_a_flood_is_read_over_several_ticks_and_none_of_it_is_dropped(rig: Rig, channel: str):
+def test_a_flood_of_frames_is_read_over_several_ticks_without_drops(rig: Rig, channel: str):
     transport = CanTransport({"interface": "virtual", "channel": channel})
     loop = loop_of(transport, loop_config(rig=rig))
     with can.Bus(interface="virtual", channel=channel) as other:

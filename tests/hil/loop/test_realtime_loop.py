@@ -1,4 +1,4 @@
-"""The real-time loop on a clock of the test's own, in plain Python around the compiled tick, and as it is used."""
+"""The real-time loop on a simulated clock, in plain Python around the compiled tick, and in real time."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ TAKES = 40_000  # ns that a waking takes, however many ticks it makes up
 
 
 class Rehearsal(SimulatedKernel):
-    """A run of `run_realtime` whose time, frames and faults the test decides.
+    """A run of `run_realtime` whose time, frames and faults the test controls.
 
     The time that a waking takes passes before the loop asks for the time for the fourth time: it asks after
     waking, after reading, before the tick, after sending, and at the end. The last tick follows without a waking.
@@ -104,7 +104,7 @@ class Rehearsal(SimulatedKernel):
 
     @property
     def steps(self) -> list[int]:
-        """Ticks by waking, those that were missed before it included."""
+        """Number of ticks at each waking, missed ticks included."""
         found, count, before = [], 0, 0.0
         for missed in self.column("ticks_missed"):
             count += 1
@@ -131,7 +131,7 @@ class Rehearsal(SimulatedKernel):
         return cast("tuple[LoopState, int]", state_and_outcome)
 
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
-        """Put frames on the wire; with an age, as our pump does."""
+        """Put frames on the wire; with an age, as from this project's pump thread."""
         if age is None:
             write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows), 0)
             return
@@ -140,7 +140,7 @@ class Rehearsal(SimulatedKernel):
             self.theirs.send(row)
 
     def arrived(self) -> Rows:
-        """All that came out of the wire."""
+        """All frames that reached the wire's other end."""
         return [*self._taken, *self._waiting()]
 
     def _waiting(self) -> Rows:
@@ -159,11 +159,11 @@ class Rehearsal(SimulatedKernel):
         return [list(row) for row in rows]
 
     def column(self, name: str) -> list[float]:
-        """One column of these."""
+        """Values of one column of the ring's rows."""
         return [row[list(COLUMNS).index(name)] for row in self.rows()]
 
     def noted(self, which: int) -> dict[int, int]:
-        """Bins of a histogram that hold something."""
+        """Numbers of the histogram's bins that are not empty."""
         histogram = self.shared.histograms[which]
         return {int(at): int(histogram[at]) for at in np.flatnonzero(histogram)}
 
@@ -187,7 +187,7 @@ def rehearse(rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
 
 
 def flat(value: Any) -> list[bytes]:
-    """Every number of a state, bit for bit."""
+    """Every number of a state, as bits."""
     if isinstance(value, tuple):
         return [part for each in value for part in flat(each)]
     return [np.asarray(value).tobytes()]
@@ -198,7 +198,7 @@ def opening(rig: Rig, counter: int) -> tuple[int, bytes]:
 
 
 class Given:
-    """A transport of the Python loop that is given a tick's frames."""
+    """A transport of the Python loop whose frames of the next tick are set by the test."""
 
     name = "given"
     is_up = True
@@ -210,7 +210,7 @@ class Given:
         self.sent += rows_of(frames)
 
     def taken(self) -> Rows:
-        """What was sent since this was asked last."""
+        """Frames sent since the previous call."""
         sent, self.sent = self.sent, []
         return sent
 
@@ -225,7 +225,7 @@ class Given:
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
-def test_it_does_what_the_python_loop_does_bit_for_bit(rehearse: Callable[..., Rehearsal], rig: Rig, rate: float):
+def test_the_real_time_loop_equals_the_python_loop(rehearse: Callable[..., Rehearsal], rig: Rig, rate: float):
     play = rehearse(rate=rate)
     every = max(1, round(rate / 100))
     batches: dict[int, Rows] = {
@@ -254,7 +254,7 @@ def test_it_does_what_the_python_loop_does_bit_for_bit(rehearse: Callable[..., R
     assert play.arrived() == [row for rows in play.sent for row in rows]
 
 
-def test_missed_ticks_are_made_up_for_as_one_tick_after_the_other_bit_for_bit(
+def test_missed_ticks_are_caught_up_one_by_one_bit_for_bit(
     rehearse: Callable[..., Rehearsal], rig: Rig, fast_tick: Callable[..., Any]
 ):
     play = rehearse()
@@ -291,7 +291,7 @@ def test_missed_ticks_are_made_up_for_as_one_tick_after_the_other_bit_for_bit(
 @pytest.mark.parametrize(
     ("late", "steps"), [(0, 1), (1, 1), (MS - 1, 1), (MS, 2), (MS + 1, 2), (5 * MS - 1, 5), (900 * MS, 901)]
 )  # fmt: skip
-def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
+def test_after_a_late_waking_the_plant_catches_up_whole_periods(
     rehearse: Callable[..., Rehearsal], late: int, steps: int
 ):
     play = rehearse()
@@ -319,8 +319,8 @@ def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
     assert frames["time_ns"][frames["is_sent"] == 0].tolist() == [4 * MS + late]
 
 
-def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callable[..., Rehearsal], rig: Rig):
-    """The gate moves as it would have, had no tick been missed; a frame waits for its tick, not for the waking."""
+def test_each_tick_of_a_catch_up_gets_the_frames_arrived_by_then(rehearse: Callable[..., Rehearsal], rig: Rig):
+    """The gate moves as if no tick had been missed; a frame waits for its tick, not for the waking."""
     play = rehearse()
     play.late = {10: 30 * MS + 1}
 
@@ -341,9 +341,7 @@ def test_each_tick_of_a_catch_up_gets_what_had_arrived_by_then(rehearse: Callabl
     assert max(play.column("command_delay_s")) < 0.002
 
 
-def test_a_catch_up_reads_on_where_more_had_come_than_there_is_room_for(
-    rehearse: Callable[..., Rehearsal], rig: Rig
-):
+def test_a_catch_up_reads_more_frames_than_one_batch_holds(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     play.late = {10: 60 * MS}
     come: list[Datagram] = []
@@ -363,7 +361,7 @@ def test_a_catch_up_reads_on_where_more_had_come_than_there_is_room_for(
     assert (state.counts.accepted, state.counts.foreign) == (6, 2400)
 
 
-def test_a_command_older_than_its_time_out_moves_nothing(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_a_command_older_than_its_timeout_has_no_effect(rehearse: Callable[..., Rehearsal], rig: Rig):
     timeout = int(play_timeout_ns(rig))
     play = rehearse()
 
@@ -383,7 +381,7 @@ def test_a_command_older_than_its_time_out_moves_nothing(rehearse: Callable[...,
 
 
 @pytest.mark.parametrize("age_ms", [0, 10, 25])
-def test_a_time_out_begins_when_a_command_came_not_when_it_was_picked_up(
+def test_a_command_timeout_counts_from_arrival_and_not_from_reading(
     rehearse: Callable[..., Rehearsal], rig: Rig, age_ms: int
 ):
     timeout_ms = play_timeout_ns(rig) // MS
@@ -397,7 +395,7 @@ def test_a_time_out_begins_when_a_command_came_not_when_it_was_picked_up(
 
 
 @pytest.mark.parametrize("age_ms", [20, 150])  # 150 ms: longer than the command's time-out
-def test_a_command_from_before_the_run_has_waited_since_the_run_began(
+def test_the_delay_of_a_command_from_before_the_run_counts_from_the_start_of_the_run(
     rehearse: Callable[..., Rehearsal], rig: Rig, age_ms: int
 ):
     """The ECU sends before the loop's thread has begun, which may take longer than a tolerance."""
@@ -409,7 +407,7 @@ def test_a_command_from_before_the_run_has_waited_since_the_run_began(
     assert play.column("command_delay_s")[0] == pytest.approx(0.001)
 
 
-def test_a_frame_of_the_gate_that_waits_on_its_way_is_the_benchs_delay(rehearse: Callable[..., Rehearsal]):
+def test_delay_of_a_sent_frame_on_its_way_counts_as_bench_delay(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -426,7 +424,7 @@ def play_timeout_ns(rig: Rig) -> int:
     return int(rig.input_config().messages[0].timeout_ns)
 
 
-def test_a_catch_up_does_not_run_past_the_end(rehearse: Callable[..., Rehearsal]):
+def test_a_catch_up_does_not_run_past_the_end_of_the_run(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.late = {5: 500 * MS}
     state, _ = play.run(10)
@@ -435,7 +433,7 @@ def test_a_catch_up_does_not_run_past_the_end(rehearse: Callable[..., Rehearsal]
 
 
 @pytest.mark.parametrize(("late", "expected"), [(50 * MS, ENDED), (50 * MS + 1, OVERRUN)])
-def test_past_the_limit_it_gives_up_with_the_motors_off(
+def test_a_loop_later_than_its_limit_ends_with_the_motors_off(
     rehearse: Callable[..., Rehearsal], rig: Rig, late: int, expected: int
 ):
     play = rehearse()
@@ -449,14 +447,14 @@ def test_past_the_limit_it_gives_up_with_the_motors_off(
 
 
 def everything(rig: Rig) -> list[int]:
-    """Identifiers of what is always sent; how well it keeps time is not known before its first figures."""
+    """Identifiers of all frames that are always sent; timing figures are not known before their first values."""
     return sorted(
         {rig.messages[wire.message].frame_id for wire in rig.outputs if wire.quantity not in Timing._fields}
     )
 
 
 def last_words(play: Rehearsal) -> list[int]:
-    """The identifiers of the last tick's frames, which must say that the motors are off."""
+    """Identifiers of the last tick's frames, which must show the motors off."""
     last = play.sent[-1]
     (status,) = decoded(play.rig, frames_of(last), "BenchStatus")
     assert status["EmulatorState"] == STOPPED
@@ -467,7 +465,7 @@ def last_words(play: Rehearsal) -> list[int]:
 
 
 @pytest.mark.parametrize("where", ["gate_angle", "right"])
-def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(rehearse: Callable[..., Rehearsal], where: str):
+def test_a_diverged_plant_ends_the_loop_with_the_motors_off(rehearse: Callable[..., Rehearsal], where: str):
     play = rehearse()
     state = start_of(play.config)
     plant = state.plant._replace(gate_angle=math.nan)
@@ -479,7 +477,7 @@ def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(rehearse: Cal
     assert sorted(identifier for identifier, _ in play.sent[-1]) == everything(play.rig)
 
 
-def test_asked_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_a_loop_asked_to_stop_sends_every_message_once_and_ends(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -495,7 +493,7 @@ def test_asked_to_stop_it_sends_every_message_once_and_ends(rehearse: Callable[.
     assert play.column("left_duty")[-2] > 0.5
 
 
-def test_asked_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., Rehearsal]):
+def test_a_loop_stopped_before_it_began_only_sends_its_last_frames(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.shared.control[0].stop = 1
     state, outcome = play.run(2**62)
@@ -503,7 +501,7 @@ def test_asked_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., R
     assert last_words(play) == everything(play.rig)
 
 
-def test_the_last_frames_wait_for_a_full_queue(rehearse: Callable[..., Rehearsal]):
+def test_the_last_frames_are_retried_while_the_queue_is_full(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: tick == 10 and trial % 4 != 0
     play.run(10)
@@ -513,7 +511,7 @@ def test_the_last_frames_wait_for_a_full_queue(rehearse: Callable[..., Rehearsal
     assert play.arrived() == [row for rows in play.sent for row in rows]
 
 
-def test_but_not_for_ever(rehearse: Callable[..., Rehearsal]):
+def test_retries_of_the_last_frames_are_limited(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: tick == 10
     play.run(10)
@@ -524,7 +522,7 @@ def test_but_not_for_ever(rehearse: Callable[..., Rehearsal]):
     assert 100 * MS <= play.now - START - 10 * MS <= 110 * MS
 
 
-def test_what_the_wire_does_not_take_is_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
+def test_frames_refused_by_the_wire_are_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: 20 <= tick < 40
     play.run(100)
@@ -568,7 +566,7 @@ def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commande
     assert play.stimuli.queue.head.tolist() == [3, 3]
 
 
-def test_figures_that_are_posted_are_reported_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_posted_timing_figures_are_sent_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
     play.at = lambda waking: post_values(play.stimuli.queue, told._asdict()) if waking == 5 else None
@@ -588,7 +586,7 @@ def test_figures_that_are_posted_are_reported_on_the_bus(rehearse: Callable[...,
 
 
 def first_feedback(play: Rehearsal, waking: int) -> int:
-    """The tick, from that waking on, that sends what shows a command."""
+    """First tick, from this waking on, whose sent frames show a command."""
     shown = set(feedback_identifiers(play.rig))
     return next(
         tick for tick in range(waking, len(play.sent)) if shown & {identifier for identifier, _ in play.sent[tick]}
@@ -601,7 +599,7 @@ def when_sent(tick: int) -> int:
 
 @pytest.mark.parametrize("waking", [20, 21, 23, 24])
 @pytest.mark.parametrize("age", [0, 1, 400_000, 900_000])
-def test_the_delay_is_from_arrival_to_the_first_feedback(
+def test_the_command_delay_lasts_from_arrival_to_the_first_feedback(
     rehearse: Callable[..., Rehearsal], rig: Rig, waking: int, age: int
 ):
     play = rehearse()
@@ -613,7 +611,7 @@ def test_the_delay_is_from_arrival_to_the_first_feedback(
     assert delay <= 5 * MS + age + TAKES
 
 
-def test_the_oldest_command_that_no_feedback_has_shown_counts(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_the_oldest_command_without_feedback_sets_the_delay(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
 
     def at(waking: int) -> None:
@@ -626,7 +624,7 @@ def test_the_oldest_command_that_no_feedback_has_shown_counts(rehearse: Callable
     assert play.noted(DELAY) == {bin_of(when_sent(first_feedback(play, 21)) - arrival): 1}
 
 
-def test_feedback_that_was_not_sent_shows_nothing(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_feedback_that_was_not_sent_does_not_end_the_command_delay(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     play.at = lambda waking: play.give(opening(rig, 1), age=0) if waking == 20 else None
     play.refuse = lambda tick, trial: 15 <= tick < 42
@@ -636,7 +634,7 @@ def test_feedback_that_was_not_sent_shows_nothing(rehearse: Callable[..., Rehear
     assert play.noted(DELAY) == {bin_of(when_sent(shown) - (START + 21 * MS)): 1}
 
 
-def test_a_command_that_was_refused_is_not_waited_for(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_a_refused_command_has_no_command_delay(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     play.at = lambda waking: play.give((COMMAND, b"spoilt!!"), (0x55, b""), age=0)
     play.run(50)
@@ -664,13 +662,13 @@ REAL = EPOCH + START
         (2**62, 0),
     ],
 )
-def test_an_arrival_is_never_in_the_future_nor_before_the_last_read(stamp: int, age: int):
+def test_an_arrival_time_lies_between_the_last_read_and_now(stamp: int, age: int):
     # All that was there was last read a second ago.
     assert arrival_of(stamp, START, REAL, START - 10**9) == START - age
 
 
 @pytest.mark.parametrize(("step", "age"), [(0, 250_000), (6 * 10**9, MS), (-6 * 10**9, 0)])
-def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
+def test_kernel_timestamps_are_converted_even_if_the_wall_clock_was_set(
     rehearse: Callable[..., Rehearsal], rig: Rig, step: int, age: int
 ):
     play = rehearse()
@@ -694,7 +692,7 @@ def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
 # What it leaves behind.
 
 
-def test_the_histograms_hold_every_tick_once(rehearse: Callable[..., Rehearsal]):
+def test_the_histograms_count_every_tick_once(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.late = {3: 100, 4: 100, 5: 2_500_000}
     play.run(20)
@@ -704,7 +702,7 @@ def test_the_histograms_hold_every_tick_once(rehearse: Callable[..., Rehearsal])
     assert play.noted(DELAY) == {}
 
 
-def test_rings_hold_the_last_rows_when_they_wrap(rehearse: Callable[..., Rehearsal], rig: Rig):
+def test_rings_that_wrap_hold_the_last_rows(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse(rows=16, frames=32)
     play.at = lambda waking: play.give((waking, bytes([waking] * 3)), age=300_000)
     play.run(100)
@@ -733,7 +731,7 @@ def test_rings_hold_the_last_rows_when_they_wrap(rehearse: Callable[..., Rehears
 
 
 class SocketLine:
-    """A line of one end of a pair; the test holds the other."""
+    """Line at one end of a socket pair; the test holds the other end."""
 
     name = "pair"
     threads = ()
@@ -774,7 +772,7 @@ class SocketLine:
 
 
 class Asked:
-    """Stands for `--realtime`; slow to be refused, as a busy machine is."""
+    """Stand-in for the `--realtime` request, refused slowly as by a busy machine."""
 
     def __init__(self) -> None:
         self.refused = ["locked memory"]
@@ -827,7 +825,7 @@ def never() -> bool:
 
 
 def ends_stopped(run: RealtimeRun) -> bool:
-    """Whether the wire heard at last that the motors are off."""
+    """Whether the last frames on the wire said that the motors are off."""
     always = everything(run.rig)
     rows = run.line.received()  # type: ignore[attr-defined]
     last = [row for row in rows if row[0] in always][-len(always) :]
@@ -835,7 +833,7 @@ def ends_stopped(run: RealtimeRun) -> bool:
     return bool(decoded(run.rig, frames_of(last), "BenchStatus")[-1]["EmulatorState"] == STOPPED)
 
 
-def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(ready: Callable[..., RealtimeRun], rig: Rig):
+def test_a_real_time_run_makes_its_ticks_and_reports_its_figures(ready: Callable[..., RealtimeRun], rig: Rig):
     shown = Trace()
     run = ready(sinks=[shown])
     run.begin()
@@ -873,14 +871,14 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(ready: Callable
     assert control.epoch_ns > EPOCH
 
 
-def test_the_motors_are_off_at_its_end(ready: Callable[..., RealtimeRun]):
+def test_the_motors_are_off_at_the_end_of_a_real_time_run(ready: Callable[..., RealtimeRun]):
     run = ready()
     run.begin()
     run.run(30, never)
     assert ends_stopped(run)
 
 
-def test_news_of_the_line_is_reported(ready: Callable[..., RealtimeRun]):
+def test_loss_and_return_of_the_line_are_reported(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     line = SocketLine([None, "is lost", None, "is back"])
     run = ready(line=line, alarm=said.append)
@@ -889,7 +887,7 @@ def test_news_of_the_line_is_reported(ready: Callable[..., RealtimeRun]):
     assert [text.partition(" s: ")[2] for text in said] == ["pair is lost", "pair is back"]
 
 
-def test_what_the_machine_refuses_is_reported_even_when_it_takes_its_time(ready: Callable[..., RealtimeRun]):
+def test_requests_that_the_machine_refuses_slowly_are_still_reported(ready: Callable[..., RealtimeRun]):
     said: list[str] = []
     asked = Asked()
     run = ready(say=said.append, realtime=asked)
@@ -899,7 +897,7 @@ def test_what_the_machine_refuses_is_reported_even_when_it_takes_its_time(ready:
     assert asked.calls == ["enter"]
 
 
-def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
+def test_peers_are_called_with_the_model_time(ready: Callable[..., RealtimeRun]):
     turns: list[int] = []
 
     class Peer:
@@ -917,7 +915,7 @@ def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
 
 
 class Slow:
-    """A peer whose fifth turn takes long."""
+    """A peer whose fifth call takes long."""
 
     def __init__(self, is_ours: bool, seconds: float) -> None:
         self.is_ours, self.seconds, self.turns, self.dropped = is_ours, seconds, 0, 0
@@ -929,7 +927,7 @@ class Slow:
 
 
 class SlowTaker:
-    """Holds up the thread that gives the turns, once."""
+    """Recorder that once delays the thread that calls the peers."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -939,10 +937,8 @@ class SlowTaker:
         self.seconds = 0.0
 
 
-def test_frames_that_were_dropped_before_the_run_do_not_count_all_others_do(
-    ready: Callable[..., RealtimeRun], rig: Rig
-):
-    """Those that the line knows of, the loop has read a frame after them or not, and an ECU's in this process."""
+def test_dropped_frames_count_from_the_start_of_the_run(ready: Callable[..., RealtimeRun], rig: Rig):
+    """Drops reported by the line, with or without a later frame, and those of an ECU in this process."""
     peer = Slow(False, 0.0)
     run = ready(peers=[peer])
     line: Any = run.line
@@ -963,8 +959,8 @@ def test_frames_that_were_dropped_before_the_run_do_not_count_all_others_do(
     assert run.summary().link.dropped == 4 + 2
 
 
-def test_rows_that_were_overwritten_before_they_were_judged_are_counted(ready: Callable[..., RealtimeRun]):
-    """As where an ECU in this process does not answer for longer than the ring holds."""
+def test_rows_overwritten_before_they_were_judged_are_counted(ready: Callable[..., RealtimeRun]):
+    """Happens where an ECU in this process does not answer for longer than the ring holds."""
     run = ready(sinks=[SlowTaker(0.0)])
     run.begin()
     run.run(100, never)
@@ -976,7 +972,7 @@ def test_rows_that_were_overwritten_before_they_were_judged_are_counted(ready: C
 
 
 def longest_delay(run: RealtimeRun) -> float:
-    """In the recorded rows [s]."""
+    """Longest command delay in the recorded rows [s]."""
     return float(run.memory.shared.rows[:, COLUMN_PLACE["command_delay_s"]].max())
 
 
@@ -984,7 +980,7 @@ def longest_delay(run: RealtimeRun) -> float:
     ("is_ours", "takes", "waits", "is_the_bench"),
     [(True, 0.3, 0.0, True), (False, 0.3, 0.0, False), (True, 0.0, 0.3, True), (False, 0.0, 0.3, True)],
 )  # fmt: skip
-def test_waiting_of_an_ecu_in_this_process_is_the_benchs_delay_its_code_is_not(
+def test_time_an_ecu_in_this_process_waits_is_bench_delay_and_its_run_time_is_not(
     ready: Callable[..., RealtimeRun], is_ours: bool, takes: float, waits: float, is_the_bench: bool
 ):
     peer = Slow(is_ours, takes)
@@ -994,7 +990,7 @@ def test_waiting_of_an_ecu_in_this_process_is_the_benchs_delay_its_code_is_not(
     assert (longest_delay(run) > 0.25) == is_the_bench
 
 
-def test_a_run_that_is_of_no_use_any_more_ends_and_tells_no_more(ready: Callable[..., RealtimeRun]):
+def test_a_run_that_can_no_longer_be_judged_ends_without_further_messages(ready: Callable[..., RealtimeRun]):
     told: list[bool] = []
 
     class Monitor:
@@ -1008,7 +1004,7 @@ def test_a_run_that_is_of_no_use_any_more_ends_and_tells_no_more(ready: Callable
     assert told == [False]
 
 
-def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., RealtimeRun]):
+def test_an_overrun_is_an_error_with_its_remedy(ready: Callable[..., RealtimeRun]):
     run = ready(limit_ns=-1)
     run.begin()
     with pytest.raises(OverrunError, match="`overrun_limit`"):
@@ -1016,7 +1012,7 @@ def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., Realti
     assert ends_stopped(run)
 
 
-def test_divergence_is_an_error_that_says_when(ready: Callable[..., RealtimeRun], rig: Rig):
+def test_divergence_is_an_error_with_its_time(ready: Callable[..., RealtimeRun], rig: Rig):
     state = start_of(loop_config(rig=rig))
     broken = state._replace(plant=state.plant._replace(gate_angle=math.nan))
     run = ready(state=broken)
@@ -1030,7 +1026,7 @@ def test_divergence_is_an_error_that_says_when(ready: Callable[..., RealtimeRun]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, BrokenPipeError])
-def test_whatever_ends_the_watching_ends_the_loop_with_the_motors_off(
+def test_any_exception_of_the_stop_check_ends_the_loop_with_the_motors_off(
     ready: Callable[..., RealtimeRun], error: type[BaseException]
 ):
     calls: list[int] = []
@@ -1049,7 +1045,7 @@ def test_whatever_ends_the_watching_ends_the_loop_with_the_motors_off(
     assert len(run.memory.shared.histograms[LATENESS]) == BINS
 
 
-def test_a_telling_that_fails_at_the_start_ends_the_loop(ready: Callable[..., RealtimeRun]):
+def test_a_message_that_cannot_be_printed_at_the_start_ends_the_loop(ready: Callable[..., RealtimeRun]):
     def say(text: str) -> None:
         raise BrokenPipeError
 
@@ -1060,7 +1056,7 @@ def test_a_telling_that_fails_at_the_start_ends_the_loop(ready: Callable[..., Re
     assert ends_stopped(run)
 
 
-def test_a_fault_in_the_thread_is_raised_where_it_is_seen(ready: Callable[..., RealtimeRun]):
+def test_an_exception_in_the_loop_thread_is_raised_in_the_caller(ready: Callable[..., RealtimeRun]):
     class Broken(Asked):
         def enter(self) -> None:
             raise MemoryError

@@ -1,4 +1,4 @@
-"""Texts on refused and foreign frames, from what the codec noted of the first one."""
+"""Texts about refused and foreign frames, from the codec's note on the first such frame."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def texts(rig: Rig, began_s: float = 0.0) -> RefusalTexts:
     return RefusalTexts(rig, loop_config_of(suv(), rig, 1000.0, 0), began_s)
 
 
-def test_a_correct_checksum_leaves_a_counter_value_that_never_comes_or_another_data_id(rig: Rig) -> None:
+def test_with_a_correct_checksum_the_counter_or_the_data_id_is_named_as_wrong(rig: Rig) -> None:
     for counter, said in (
         (15.0, "AliveCounter is 15; expected one of its values"),
         (None, "data ID does not belong to this message (Checksum is correct)"),
@@ -41,7 +41,7 @@ def test_a_correct_checksum_leaves_a_counter_value_that_never_comes_or_another_d
         assert texts(rig).of_first(refusals, BAD_CHECKSUM) == f"2.500 s: DriveCommand refused: {said}"
 
 
-def test_times_count_from_the_scenario_s_time_0(rig: Rig) -> None:
+def test_times_in_refusal_texts_count_from_time_0_of_the_scenario(rig: Rig) -> None:
     refusals = no_refusals()
     note_outcome(refusals, REMOTE_FRAME, 0, 2_500_000_000)
     said = "DriveCommand refused: a remote frame; allowed: a data frame"
@@ -64,7 +64,7 @@ def test_a_summary_names_the_first_foreign_identifier_with_its_length_and_what_i
     )
 
 
-def test_the_first_foreign_identifier_may_be_that_of_another_gate(rig: Rig) -> None:
+def test_a_summary_says_if_the_first_foreign_identifier_is_that_of_another_gate(rig: Rig) -> None:
     refusals = no_refusals()
     note_evidence(refusals, FOREIGN, -1, float(0x210), np.nan)
     note_outcome(refusals, FOREIGN, -1, 0)

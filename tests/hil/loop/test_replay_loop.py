@@ -1,4 +1,4 @@
-"""The replay's loop: on a clock of the test's own each frame goes when it is due, and what is late is told."""
+"""The replay loop on a simulated clock: each frame is sent when due, and lateness is counted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WAKE, COST = 30 * US, 5 * US  # how late every wake-up is, and what handing over
 
 
 class World(SimulatedKernel):
-    """A clock, and a wire that may refuse."""
+    """A simulated clock and a wire that may refuse frames."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class World(SimulatedKernel):
         self.arrivals = self.nothing
 
     def nothing(self, most: int) -> list[Datagram]:
-        """Nothing has come, but the wish to stop may have."""
+        """Read no frames; the request to stop may arrive meanwhile."""
         self.control.stop = int(self.now >= self.stop_at)
         return []
 
@@ -71,7 +71,7 @@ def world() -> World:
 
 
 def scheduled(due: list[int], places: int = 64) -> Schedule:
-    """Frames with their number as payload."""
+    """Schedule of frames whose payload is their number."""
     schedule = empty_schedule(places)
     frames = logged(frames_of([(0x100 + k, bytes([k])) for k in range(len(due))]), 0, True)
     assert put(schedule, np.array(due), frames) == len(due)
@@ -87,7 +87,7 @@ def played(world: World, schedule: Schedule, together: int = 64) -> Memory:
     return memory
 
 
-def test_each_frame_goes_when_it_is_due_and_those_of_one_time_together(world: World) -> None:
+def test_each_frame_is_sent_when_due_and_frames_of_equal_time_together(world: World) -> None:
     due = [0, 4 * MS, 4 * MS, 4 * MS + 10 * US, 30 * MS, 2000 * MS]
     schedule = scheduled(due)
     memory = played(world, schedule)
@@ -102,13 +102,13 @@ def test_each_frame_goes_when_it_is_due_and_those_of_one_time_together(world: Wo
     assert schedule.position[0].accepted == len(due)
 
 
-def test_one_by_one_they_come_in_their_order(world: World) -> None:
+def test_frames_sent_one_by_one_keep_their_order(world: World) -> None:
     schedule = scheduled([0, 0, 0, MS])
     played(world, schedule, together=1)
     assert [numbers for _, numbers in world.sent] == [[0], [1], [2], [3]]
 
 
-def test_what_the_wire_refused_is_neither_late_nor_counted_as_taken(world: World) -> None:
+def test_refused_frames_count_neither_as_late_nor_as_sent(world: World) -> None:
     world.refused = {1, 3}
     schedule = scheduled([0, MS, 2 * MS, 3 * MS, 4 * MS])
     memory = played(world, schedule, together=1)
@@ -119,7 +119,7 @@ def test_what_the_wire_refused_is_neither_late_nor_counted_as_taken(world: World
     assert schedule.handed[:3].tolist() == [0, 2 * MS, 4 * MS]
 
 
-def test_it_is_stopped_also_while_it_waits_for_long(world: World) -> None:
+def test_a_replay_can_be_stopped_during_a_long_wait(world: World) -> None:
     schedule = scheduled([0, 3600 * 1000 * MS])
     begin = world.now
     world.stop_at = begin + 500 * MS
@@ -128,7 +128,7 @@ def test_it_is_stopped_also_while_it_waits_for_long(world: World) -> None:
     assert world.now < begin + 600 * MS
 
 
-def test_a_ring_that_runs_empty_is_reported_and_nothing_is_left_out(world: World) -> None:
+def test_a_schedule_that_runs_empty_is_reported_and_no_frame_is_left_out(world: World) -> None:
     schedule = scheduled([0])
     schedule.position[0].is_whole = 0
     frames = logged(frames_of([(0x200, bytes([9]))]), 0, True)
@@ -147,7 +147,7 @@ def test_a_ring_that_runs_empty_is_reported_and_nothing_is_left_out(world: World
     assert distribution(memory.shared.histograms[LATENESS]).max_us > 30_000.0
 
 
-def test_the_ring_takes_what_it_has_room_for_and_goes_round() -> None:
+def test_the_schedule_accepts_frames_up_to_its_capacity_and_wraps_around() -> None:
     schedule = empty_schedule(8)
     frames = logged(frames_of([(0x100 + k, bytes([k, k])) for k in range(12)]), 0, True)
     due = np.arange(12)
@@ -162,7 +162,7 @@ def test_the_ring_takes_what_it_has_room_for_and_goes_round() -> None:
     assert (schedule.lengths[places] == 2).all()
 
 
-def test_around_the_rings_end_frames_of_one_time_go_in_two_pieces(world: World) -> None:
+def test_frames_of_equal_time_are_split_where_the_schedule_wraps_around(world: World) -> None:
     schedule = empty_schedule(4)
     frames = logged(frames_of([(0x100, bytes([k])) for k in range(6)]), 0, True)
     put(schedule, np.zeros(3, dtype=np.int64), frames[:3])

@@ -1,4 +1,4 @@
-"""Memory that is seen at once: a reader gets each row once, in order, whole, or knows that it lost it."""
+"""Shared ring buffers: a reader gets each row once, in order and complete, or knows that rows were lost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from liftgate_hil.loop.rings import ArrivalReader, Memory, RingReader, note_arri
 
 
 class Writer:
-    """Writes rows of one number in two halves, as a loop does that a reader may look at any time."""
+    """Writer of one-number rows in two halves, between which a reader may look."""
 
     def __init__(self, capacity: int, batch: int) -> None:
         self.rows = np.full((capacity, 2), -1, dtype=np.int64)
@@ -31,7 +31,7 @@ class Writer:
         return int(self.control["head"][0])
 
     def half_row(self) -> None:
-        """The next half of a row; a whole batch is counted with its last."""
+        """Write the next half of a row; a whole batch is counted with its last half."""
         number = self.head + self._halves // 2
         self.rows[number % len(self.rows), self._halves % 2] = number
         self._halves += 1
@@ -41,7 +41,7 @@ class Writer:
 
 
 class Interrupted:
-    """The ring as a reader sees it that is overtaken while it copies."""
+    """The ring as seen by a reader that the writer overtakes while it copies."""
 
     def __init__(self, writer: Writer, before: int, halves: int) -> None:
         self.writer, self.before, self.halves = writer, before, halves
@@ -68,7 +68,7 @@ looks = st.tuples(st.integers(0, 40), st.integers(0, 10), st.integers(0, 40))
 
 @CALM
 @given(st.integers(1, 12), st.integers(1, 4), st.lists(looks, max_size=12))
-def test_rows_come_once_in_order_and_whole_and_the_lost_are_known(
+def test_rows_are_read_once_in_order_and_complete_and_lost_ones_are_counted(
     capacity: int, batch: int, params: list[tuple[int, int, int]]
 ):
     writer = Writer(capacity, batch)
@@ -92,7 +92,7 @@ def test_rows_come_once_in_order_and_whole_and_the_lost_are_known(
 
 @CALM
 @given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=20))
-def test_a_reader_in_time_loses_nothing(capacity: int, params: list[int]):
+def test_a_reader_that_keeps_up_loses_no_rows(capacity: int, params: list[int]):
     writer = Writer(capacity, 1)
     reader = RingReader(writer.rows, writer.control, "head")
     got: list[int] = []
@@ -104,7 +104,7 @@ def test_a_reader_in_time_loses_nothing(capacity: int, params: list[int]):
     assert reader.lost == 0
 
 
-def test_rows_are_copies():
+def test_rows_read_from_a_ring_are_copies():
     writer = Writer(4, 1)
     reader = RingReader(writer.rows, writer.control, "head")
     writer.half_row()
@@ -115,7 +115,7 @@ def test_rows_are_copies():
 
 
 @pytest.mark.parametrize(("capacity", "batch"), [(8, 1), (8, 3), (3, 4)])
-def test_a_reader_that_slept_knows_how_many_it_lost(capacity: int, batch: int):
+def test_a_slow_reader_knows_how_many_rows_it_lost(capacity: int, batch: int):
     writer = Writer(capacity, batch)
     reader = RingReader(writer.rows, writer.control, "head", batch)
     for _ in range(2 * batch * 100):
@@ -138,7 +138,7 @@ shared.control[0].stop = 1
 """
 
 
-def test_another_process_sees_the_same_and_is_seen():
+def test_two_processes_share_the_same_memory():
     memory = Memory(5, 7, others_write=True)
     shared = memory.shared
     shared.rows[:3, 0] = [1.0, 2.0, 3.0]
@@ -157,7 +157,7 @@ def test_another_process_sees_the_same_and_is_seen():
     memory.close()
 
 
-def test_foreign_code_cannot_write_to_it_through_its_descriptor():
+def test_the_shared_memory_cannot_be_written_through_its_descriptor():
     memory = Memory(5, 7)
     memory.shared.control[0].rows = 3
     with pytest.raises(PermissionError):
@@ -170,7 +170,7 @@ def test_foreign_code_cannot_write_to_it_through_its_descriptor():
     memory.close()
 
 
-def test_its_parts_do_not_overlap():
+def test_the_arrays_of_the_shared_memory_do_not_overlap():
     memory = Memory(3, 2)
     for number, array in enumerate(memory.shared):
         array.view(np.uint8).reshape(-1)[:] = number + 1
@@ -186,7 +186,7 @@ def frames_of(*numbers: int) -> Frames:
 
 @CALM
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3), st.booleans()), max_size=60))
-def test_each_frame_that_came_is_read_once_among_those_that_were_sent(ticks: list[tuple[int, int, bool]]):
+def test_each_received_frame_is_read_once_among_sent_frames(ticks: list[tuple[int, int, bool]]):
     memory = Memory(4, 4096)
     reader, arrivals, came, seen = ArrivalReader(memory.shared), np.zeros(2, np.int64), [], []
     for number, (received, sent, is_looked_at) in enumerate(ticks):
@@ -202,7 +202,7 @@ def test_each_frame_that_came_is_read_once_among_those_that_were_sent(ticks: lis
     memory.close()
 
 
-def test_a_frame_that_is_counted_before_it_is_there_is_read_when_it_is():
+def test_a_frame_counted_before_it_is_written_is_read_once_written():
     memory = Memory(4, 64)
     control, reader = memory.shared.control, ArrivalReader(memory.shared)
     note_arrivals(memory.shared, frames_of(7), np.zeros(1, np.int64), 0)

@@ -1,4 +1,4 @@
-"""A row whose plant still gives numbers, and such as a gate can have."""
+"""Plausibility of a row: finite numbers within what a gate can have."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ MOVING = [
 
 @pytest.mark.parametrize("name", Truth._fields)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_not_sound(name: str, value: float) -> None:
+def test_a_row_with_nan_or_infinity_is_not_plausible(name: str, value: float) -> None:
     assert is_sound(REST)
     assert not is_sound(REST._replace(**{name: value}))
 
 
 @pytest.mark.parametrize("name", MOVING)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_currents_and_motions_that_the_catalogue_does_not_know_are_not_sound(name: str, sign: float) -> None:
+def test_a_row_beyond_the_ranges_of_the_catalogue_is_not_plausible(name: str, sign: float) -> None:
     limit = CATALOGUE[name].high
     assert is_sound(REST._replace(**{name: sign * limit}))
     assert not is_sound(REST._replace(**{name: sign * 1.001 * limit}))

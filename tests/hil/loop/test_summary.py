@@ -24,7 +24,7 @@ def histogram_of(nanoseconds: list[int]) -> NDArray[np.int64]:
     return histogram
 
 
-def test_quantiles_are_within_a_bin():
+def test_quantiles_are_exact_to_within_a_histogram_bin():
     times = distribution(histogram_of([1000 * each for each in range(1, 10_001)]))
     assert times.count == 10_000
     for got, wanted in ((times.p50_us, 5000.0), (times.p99_us, 9900.0), (times.p999_us, 9990.0)):
@@ -34,38 +34,38 @@ def test_quantiles_are_within_a_bin():
 
 @CALM
 @given(st.integers(0, 2**40))
-def test_a_bin_holds_its_durations_and_is_narrow(nanoseconds: int):
+def test_a_histogram_bin_holds_its_durations_and_is_narrow(nanoseconds: int):
     index = bin_of(nanoseconds)
     assert upper_end(index - 1) < nanoseconds <= upper_end(index) if index else nanoseconds == 0
     assert upper_end(index) <= nanoseconds * (1.0 + 1 / 64)
 
 
-def test_what_is_negative_or_endless_has_a_bin():
+def test_negative_and_huge_durations_have_a_bin():
     assert bin_of(-5) == 0
     assert bin_of(2**62) == BINS - 1
 
 
 @CALM
 @given(st.lists(st.integers(0, 300_000_000), min_size=1, max_size=60))
-def test_quantiles_never_fall(late: list[int]):
+def test_quantiles_do_not_decrease(late: list[int]):
     times = distribution(histogram_of(late))
     assert times.p50_us <= times.p99_us <= times.p999_us <= times.max_us
     assert times.max_us >= max(late) * 1e-3
 
 
-def test_no_duration_has_no_quantile():
+def test_an_empty_histogram_has_no_quantile():
     assert distribution(histogram_of([])) is NOTHING
     assert LoopTiming().on_bus() == pytest.approx([math.nan] * 9, nan_ok=True)
 
 
-def test_a_millisecond_of_delay_is_2_newtons():
+def test_a_millisecond_of_delay_counts_as_2_newtons_of_pinch_force():
     assert force_of(1000.0) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
     ("identifier", "length", "bits"), [(0x120, 8, 111), (0x120, 0, 47), (0x7FF, 3, 71), (0x120 | EXTENDED, 8, 131)]
 )
-def test_a_frame_takes_its_bits_of_the_bus(identifier: int, length: int, bits: int):
+def test_the_bus_time_of_a_frame_follows_from_its_bits(identifier: int, length: int, bits: int):
     load = BusLoad()
     load.add(frames_of([(identifier, bytes(length))] * 3))
     assert load.bits == 3 * bits
@@ -78,7 +78,7 @@ def test_bus_load_is_the_share_of_the_bit_rate():
     assert load.percent(500_000.0, 0.0) == 0.0
 
 
-def test_the_summary_tells_every_cause_and_what_the_link_lost():
+def test_the_summary_lists_every_cause_of_refusal_and_the_losses_of_the_link():
     received = NO_COUNTS._replace(
         accepted=1, foreign=2, error=3, remote=4, wrong_length=5, out_of_range=6, checksum=7,
         counter=8, lost=9,
@@ -124,7 +124,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     assert told["link"]["receive_failures"] == 12
 
 
-def test_what_happened_once_is_told_in_the_singular():
+def test_a_count_of_one_is_written_in_the_singular():
     link = LinkCounts(send_failures=1, receive_failures=1, dropped=1, losses=1, bus_offs=1, stale_frames=1)
     summary = Summary(clock="free", link=link, injections=1, commands=1, commanded=["hand_force 5 N"])
     text = "\n".join(summary.lines())

@@ -1,4 +1,4 @@
-"""The tick: state, frames and what acts from outside in; state, frames, truth and what was sensed out."""
+"""The tick: from state, frames and external stimuli to state, frames, truth and sensed values."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def equal(first: Any, second: Any) -> bool:
 
 
 def cycles(rig: Rig) -> dict[int, int]:
-    """What the gate sends on any clock: identifier, cycle [ms]."""
+    """Cycle times [ms] by identifier of the messages that the gate sends on any clock."""
     messages = {wire.message for wire in rig.outputs if wire.quantity not in Timing._fields}
     return {rig.messages[name].frame_id: rig.messages[name].cycle_time or 0 for name in messages}
 
@@ -82,7 +82,7 @@ def run(
     frames_at: Callable[[int], list[tuple[int, bytes]]] = lambda number: [],
     around: StimulusPlan | None = None,
 ) -> tuple[LoopState, list[Truth], list[Frames], list[Sensed]]:
-    """So many ticks; `frames_at` gives what comes before tick number n (from 0)."""
+    """Run this many ticks; `frames_at` returns the frames received before tick number n (from 0)."""
     truths, replies, sensed = [], [], []
     for number in range(ticks):
         rows = frames_at(number)
@@ -96,7 +96,7 @@ def run(
 
 
 def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[tuple[int, bytes]]]:
-    """An ECU that sends the same command every so many ticks."""
+    """ECU that sends the same command every given number of ticks."""
     values = values or both(80.0, OPEN, release=1)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -106,7 +106,7 @@ def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[
 
 
 def open_at(rig: Rig, call: Tick, config: LoopConfig, angle_deg: float) -> LoopState:
-    """A loop whose gate stands at an angle, unlatched, with the drives to match."""
+    """State of a loop whose gate rests unlatched at this angle, with matching drives."""
     return start_of(config, math.radians(angle_deg), latched=False)
 
 
@@ -114,7 +114,7 @@ def open_at(rig: Rig, call: Tick, config: LoopConfig, angle_deg: float) -> LoopS
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_nothing_but_the_arrays_of_its_own_state_is_written(rig: Rig, fast_tick: Tick, which: str):
+def test_a_tick_writes_only_the_arrays_of_its_own_state(rig: Rig, fast_tick: Tick, which: str):
     call = tick if which == "plain" else compiled(tick)
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 25, driving(rig))
@@ -134,7 +134,7 @@ def test_nothing_but_the_arrays_of_its_own_state_is_written(rig: Rig, fast_tick:
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_the_same_in_gives_the_same_out(rig: Rig, fast_tick: Tick, which: str):
+def test_a_tick_is_deterministic(rig: Rig, fast_tick: Tick, which: str):
     call = plain_tick if which == "plain" else fast_tick
     noisy = ["sensors.current_noise=0.5", "sensors.angle_noise_deg=0.1"]
     config = loop_config(rig=rig, settings=noisy, seed=7)
@@ -157,7 +157,7 @@ def test_another_seed_gives_other_noise_but_the_same_plant(rig: Rig, fast_tick: 
     assert ends[0][1] != ends[1][1]
 
 
-def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
+def test_the_compiled_tick_equals_the_plain_one(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig, settings=["sensors.current_noise=0.1"], seed=3)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -182,7 +182,7 @@ def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
 # Command time-out.
 
 
-def test_motors_coast_from_exactly_the_time_out_on(rig: Rig, fast_tick: Tick):
+def test_motors_coast_exactly_from_the_command_timeout_on(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
 
     def once(number: int) -> list[tuple[int, bytes]]:
@@ -197,7 +197,7 @@ def test_motors_coast_from_exactly_the_time_out_on(rig: Rig, fast_tick: Tick):
     assert state.timeouts == 1
 
 
-def test_a_command_every_cycle_never_times_out_and_two_lost_ones_neither(rig: Rig, fast_tick: Tick):
+def test_commands_in_each_cycle_or_with_two_lost_do_not_time_out(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
 
     def with_gaps(number: int) -> list[tuple[int, bytes]]:
@@ -234,7 +234,7 @@ def test_the_next_valid_command_resumes_and_each_time_out_counts_once(rig: Rig, 
     assert [row["EmulatorState"] for row in status] == states
 
 
-def test_a_time_out_within_a_catch_up_is_met_at_its_own_step(rig: Rig, fast_tick: Tick):
+def test_a_command_timeout_within_a_catch_up_takes_effect_at_its_own_step(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = rest(config)
     one = frames_of([command_frame(rig, 1, **both(80.0, OPEN, release=1))])
@@ -250,9 +250,7 @@ def test_a_time_out_within_a_catch_up_is_met_at_its_own_step(rig: Rig, fast_tick
     assert (at_once.timeouts, at_once.tick) == (1, 50)
 
 
-def test_a_panel_that_has_a_cycle_time_and_goes_silent_is_no_command_time_out(
-    rig: Rig, fast_tick: Tick, tmp_path: Path
-):
+def test_a_silent_cyclic_benchcontrol_message_is_no_command_timeout(rig: Rig, fast_tick: Tick, tmp_path: Path):
     text = (Path(__file__).parents[3] / "configs/rigs/liftgate.toml").read_text()
     path = tmp_path / "panel.toml"
     path.write_text(text + "\n[messages.BenchControl]\ncycle_ms = 50\n")
@@ -272,9 +270,7 @@ def test_a_panel_that_has_a_cycle_time_and_goes_silent_is_no_command_time_out(
 
 
 @pytest.mark.parametrize("steps", [2, 3, 7, 25])
-def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
-    rig: Rig, fast_tick: Tick, steps: int
-):
+def test_several_steps_at_once_equal_single_ticks_in_plant_and_rows(rig: Rig, fast_tick: Tick, steps: int):
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 200, driving(rig))
     command = frames_of([command_frame(rig, 3, **both(60.0, OPEN))])
@@ -298,7 +294,7 @@ def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
     assert [each[1].count for each in ticked[:-1]] == [0] * (steps - 1)
 
 
-def test_a_catch_up_follows_the_timeline_tick_by_tick(rig: Rig, fast_tick: Tick, around: StimulusPlan):
+def test_a_catch_up_applies_the_timeline_tick_by_tick(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
     ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, around=around)
     _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
@@ -328,7 +324,7 @@ def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig,
     assert sent.count == len(cycles(rig))
 
 
-def test_skipped_periods_are_reported_on_the_bus_and_clip_at_the_largest(rig: Rig, fast_tick: Tick):
+def test_skipped_periods_are_reported_on_the_bus_up_to_the_largest_value(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     sent = catch_up(fast_tick, config, rest(config), NOTHING, 100)[-1][1]
     assert decoded(rig, sent, "BenchStatus")[0]["TickOverruns"] == 99
@@ -351,7 +347,7 @@ def sent_times(fast_tick: Tick, config: LoopConfig, ticks: int) -> tuple[Counter
 
 
 @pytest.mark.parametrize(("rate", "slack"), [(1000, 0), (10_000, 0), (300, 1), (250, 1), (1024, 1)])
-def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, slack: int):
+def test_messages_are_sent_in_their_cycle_times(rig: Rig, fast_tick: Tick, rate: int, slack: int):
     counts, times = sent_times(fast_tick, loop_config(float(rate), rig), rate)
     known = {LEFT_DRIVE: 5, RIGHT_DRIVE: 5, GATE: 10, SENSORS: 100, BENCH_STATUS: 100}
     assert cycles(rig).items() >= known.items()
@@ -364,7 +360,7 @@ def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, sl
     assert set(counts) == set(cycles(rig))
 
 
-def test_counters_and_checksums_of_what_is_sent_are_right(rig: Rig, fast_tick: Tick):
+def test_counters_and_checksums_of_sent_frames_are_correct(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 200)
     for name, identifier in (("LeftDrive", LEFT_DRIVE), ("RightDrive", RIGHT_DRIVE)):
         rows = [row for frames in replies for row in decoded(rig, frames, name)]
@@ -375,7 +371,7 @@ def test_counters_and_checksums_of_what_is_sent_are_right(rig: Rig, fast_tick: T
                     assert payload[7] == j1850(identifier, payload, 7)
 
 
-def test_what_is_sent_is_what_the_plant_does(rig: Rig, fast_tick: Tick):
+def test_sent_signals_agree_with_the_plant(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, truths, replies, _ = run(fast_tick, config, rest(config), 2000, driving(rig))
     truth = truths[-1]
@@ -394,7 +390,7 @@ def test_what_is_sent_is_what_the_plant_does(rig: Rig, fast_tick: Tick):
     assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(truth.gate_angle_deg)
 
 
-def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
+def test_the_first_frames_report_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100)
     gate = decoded(rig, replies[9], "Gate")[0]
     assert gate == {"Angle": 0.0, "LatchState": 1, "TerminalVoltage": 12.0}
@@ -431,7 +427,7 @@ def test_stop_turns_the_motors_off_and_sends_everything_once(rig: Rig, fast_tick
 # Bridges, latch and panel.
 
 
-def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
+def test_each_bridge_state_acts_as_its_name_says(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
     ends = {}
@@ -447,7 +443,7 @@ def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
     assert abs(ends[BRAKE].left_speed_rps) < 0.5
 
 
-def test_motors_are_distinguished(rig: Rig, fast_tick: Tick):
+def test_left_and_right_motor_are_driven_separately(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
     values = {"LeftDuty": 60.0, "LeftDirection": OPEN, "RightDuty": 30.0, "RightDirection": CLOSE}
@@ -456,7 +452,7 @@ def test_motors_are_distinguished(rig: Rig, fast_tick: Tick):
     assert truths[-1].right_duty == pytest.approx(-0.3)
 
 
-def test_the_latch_holds_until_it_is_released_and_takes_up_at_home(rig: Rig, fast_tick: Tick):
+def test_the_latch_holds_until_released_and_catches_at_home(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, truths, _, _ = run(fast_tick, config, rest(config), 400, driving(rig, **both(40.0, OPEN)))
     assert truths[-1].latched == 1
@@ -469,7 +465,7 @@ def test_the_latch_holds_until_it_is_released_and_takes_up_at_home(rig: Rig, fas
     assert truths[-1].gate_angle_deg == pytest.approx(0.0, abs=0.2)
 
 
-def test_a_released_latch_does_not_take_up(rig: Rig, fast_tick: Tick):
+def test_a_released_latch_does_not_catch_the_gate(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     _, truths, _, _ = run(fast_tick, config, rest(config), 300, driving(rig, **both(0.0, BRAKE, 1)))
     assert not any(truth.latched for truth in truths)
@@ -497,7 +493,7 @@ def around(tmp_path: Path) -> StimulusPlan:
     return stimuli_alone(load_scenario(path).stimuli)
 
 
-def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, around: StimulusPlan):
+def test_profiles_change_the_surroundings_over_time(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
     _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
     volts = [truth.supply_voltage_v for truth in truths]
@@ -508,7 +504,9 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, aro
     assert slopes == pytest.approx([*(8.0 * (n + 0.5) / 400 for n in range(400)), 8.0])
 
 
-def test_a_panel_replaces_the_scenario_from_its_first_frame_on(rig: Rig, fast_tick: Tick, around: StimulusPlan):
+def test_benchcontrol_replaces_the_scenario_from_its_first_frame_on(
+    rig: Rig, fast_tick: Tick, around: StimulusPlan
+):
     config = loop_config(rig=rig)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -523,7 +521,9 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(rig: Rig, fast_ti
         assert truth.hand_force_n == pytest.approx(25.0)
 
 
-def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(rig: Rig, fast_tick: Tick, around: StimulusPlan):
+def test_a_benchcontrol_obstacle_rate_of_zero_removes_the_scenarios_obstacle(
+    rig: Rig, fast_tick: Tick, around: StimulusPlan
+):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 41.0)
     close = driving(rig, **both(80.0, CLOSE))
@@ -544,7 +544,7 @@ def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(rig: Rig, fast_
 def closing_onto(
     rig: Rig, fast_tick: Tick, panels: dict[int, dict[str, float]], angle_deg: float, ticks: int
 ) -> list[Truth]:
-    """Close from an angle, with panels' values by tick number."""
+    """Run a closing from this angle, with BenchControl values by tick number."""
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, angle_deg)
     close = driving(rig, **both(80.0, CLOSE))
@@ -556,7 +556,7 @@ def closing_onto(
     return run(fast_tick, config, start, ticks, frames_at)[1]
 
 
-def test_an_obstacle_before_the_gate_is_met_at_its_angle(rig: Rig, fast_tick: Tick):
+def test_an_obstacle_in_the_path_of_the_gate_is_hit_at_its_angle(rig: Rig, fast_tick: Tick):
     truths = closing_onto(rig, fast_tick, {0: {"ObstacleAngle": 44.0, "ObstacleRate": 10.0}}, 45.0, 800)
     for truth in truths:
         assert (truth.pinch_force_n > 0.0) <= (truth.gate_angle_deg < 44.0)
@@ -566,12 +566,12 @@ def test_an_obstacle_before_the_gate_is_met_at_its_angle(rig: Rig, fast_tick: Ti
     assert last.pinch_force_n == pytest.approx(10_000.0 * math.radians(44.0 - last.gate_angle_deg), rel=0.01)
 
 
-def test_an_obstacle_that_appears_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick):
+def test_an_obstacle_that_appears_behind_the_gate_is_not_hit(rig: Rig, fast_tick: Tick):
     truths = closing_onto(rig, fast_tick, {100: {"ObstacleAngle": 60.0, "ObstacleRate": 10.0}}, 45.0, 800)
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
-def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(rig: Rig, fast_tick: Tick):
+def test_an_obstacle_behind_the_gate_is_hit_once_the_gate_has_been_clear_of_it(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
 
@@ -589,7 +589,7 @@ def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(rig: R
 
 
 @pytest.mark.parametrize("angle_deg", [50.0, 70.0])
-def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick, angle_deg: float):
+def test_an_obstacle_moved_behind_the_gate_is_not_hit(rig: Rig, fast_tick: Tick, angle_deg: float):
     panels = {
         0: {"ObstacleAngle": 20.0, "ObstacleRate": 10.0},
         100: {"ObstacleAngle": angle_deg, "ObstacleRate": 10.0},
@@ -598,7 +598,7 @@ def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(rig: Rig, fast_tic
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
-def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick, tmp_path: Path):
+def test_an_obstacle_that_replaces_another_behind_the_gate_is_not_hit(rig: Rig, fast_tick: Tick, tmp_path: Path):
     path = tmp_path / "scenario.toml"
     path.write_text("[[obstacle]]\nend = 0.1\nangle_deg = 20\n[[obstacle]]\nstart = 0.1\nangle_deg = 60\n")
     config = loop_config(rig=rig)
@@ -609,7 +609,7 @@ def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(rig: Rig, f
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
-def test_a_rod_under_the_closed_gate_is_met_on_the_way_back(rig: Rig, fast_tick: Tick):
+def test_a_rod_placed_while_the_gate_is_closed_pinches_only_on_the_way_back(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -628,7 +628,7 @@ def test_a_rod_under_the_closed_gate_is_met_on_the_way_back(rig: Rig, fast_tick:
 # Extremes.
 
 
-def test_a_diverged_plant_still_gets_its_frames_out(rig: Rig, fast_tick: Tick):
+def test_a_tick_with_a_diverged_plant_still_sends_its_frames(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state = rest(config)
     broken = state.plant._replace(gate_angle=math.nan, left=state.plant.left._replace(current=math.inf))
@@ -652,7 +652,7 @@ BA_ "GenMsgCycleTime" BO_ 256 20;
 
 
 @pytest.mark.parametrize(("duty", "expected"), [(0.4, (0.4, 0)), (-0.4, (-0.4, 0)), (0.0, (0.0, 0))])
-def test_without_a_direction_the_duty_is_signed_and_zero_brakes(
+def test_in_a_rig_without_a_direction_signal_the_duty_is_signed_and_zero_brakes(
     fast_tick: Tick, tmp_path: Path, duty: float, expected: tuple[float, int]
 ):
     text = """
@@ -674,7 +674,7 @@ left_current = "Out.I"
     assert (truth.right_duty, truth.right_coast) == pytest.approx(expected)
 
 
-def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
+def test_the_first_of_several_obstacles_in_a_file_is_used(tmp_path: Path):
     path = tmp_path / "scenario.toml"
     path.write_text(
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"

@@ -1,5 +1,5 @@
-"""Every quantity goes where its name says: from the bus into the plant, from the plant's rows onto the bus and
-into recordings. Each value is given a number of its own, and names are compared, never places.
+"""Every quantity keeps its name: from the bus into the plant, from the plant's rows onto the bus and into
+recordings. Every value is distinct, and names are compared, never indices.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Tick = Callable[..., Any]
 
 
 class Rows(NamedTuple):
-    """All that the loop tells."""
+    """All values that the loop puts out."""
 
     sensed: Sensed
     truth: Truth
@@ -62,7 +62,7 @@ class Rows(NamedTuple):
     edges: EdgeTimes
 
     def by_name(self) -> dict[str, float]:
-        """As a rig calls them."""
+        """Values by the names that a rig uses."""
         values = {
             bus_name(name, signal): getattr(self.sensed, name) for name, signal in signals_of(Sensed).items()
         }
@@ -74,7 +74,7 @@ class Rows(NamedTuple):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    """A rig to which every quantity is wired."""
+    """A rig with a signal for every quantity."""
     return catalogue_rig(tmp_path_factory.mktemp("rig"))
 
 
@@ -82,7 +82,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> None:
+def test_every_output_signal_carries_the_value_of_its_name(whole: Rig, which: str) -> None:
     rows = distinct(Rows)
     fill, send = line_up, transmit
     if which == "compiled":
@@ -97,7 +97,7 @@ def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> N
     assert len(set(found.values())) == len(BUS_OUTPUTS)
 
 
-def test_a_tick_reports_readings_true_values_and_commands(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tick_outputs_readings_true_values_and_commands(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = distinct(Rows)
     status = Status(
         tick_overruns=107.0,
@@ -117,7 +117,7 @@ def test_a_tick_reports_readings_true_values_and_commands(whole: Rig, monkeypatc
     assert outputs_in(whole, replies) == rows._replace(status=status).by_name()
 
 
-def test_timing_that_is_not_known_is_not_sent(whole: Rig, fast_tick: Tick) -> None:
+def test_unknown_timing_figures_are_not_sent(whole: Rig, fast_tick: Tick) -> None:
     config = loop_config(rig=whole)
     _, replies, truth, sensed = fast_tick(config, start_of(config), empty_frames(0), outside(stop=True))
     found = outputs_in(whole, replies)
@@ -150,7 +150,7 @@ SAID = {
 }
 
 
-def test_every_input_reaches_what_its_name_says(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_input_signal_reaches_the_quantity_of_its_name(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     assert SAID.keys() == BUS_INPUTS.keys()
     given: list[Inputs] = []
 
@@ -197,22 +197,20 @@ SURROUNDINGS = {column: SAID[bus_name(column, signal)] for column, signal in sig
 
 
 def shown(call: Tick, config: Any, said: dict[str, float], around: Any) -> dict[str, float]:
-    """The inputs that the truth of one tick shows."""
+    """The input values that the truth of one tick shows."""
     frames = frames_of(input_frames(said)) if said else empty_frames(0)
     truth = call(config, start_of(config), frames, around)[2]
     return {name: getattr(truth, name) for name in (*DRIVEN, *Surroundings._fields)}
 
 
-def test_the_truth_shows_every_input(whole: Rig, fast_tick: Tick) -> None:
+def test_the_truth_contains_every_input(whole: Rig, fast_tick: Tick) -> None:
     found = shown(fast_tick, loop_config(rig=whole), SAID, outside())
     assert found == pytest.approx({**DRIVEN, **SURROUNDINGS})
 
 
 @pytest.mark.parametrize("way", ["profile", "panel", "commanded"])
 @pytest.mark.parametrize("column", Surroundings._fields)
-def test_what_is_specified_for_one_quantity_moves_no_other(
-    whole: Rig, fast_tick: Tick, column: str, way: str
-) -> None:
+def test_a_stimulus_for_one_quantity_changes_no_other(whole: Rig, fast_tick: Tick, column: str, way: str) -> None:
     config = loop_config(rig=whole)
     before = shown(fast_tick, config, {}, outside())
     assert before.items() >= COASTING.items()
@@ -230,7 +228,7 @@ def test_what_is_specified_for_one_quantity_moves_no_other(
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
 
-def test_a_command_counts_before_the_panel_and_that_before_the_profile(whole: Rig, fast_tick: Tick) -> None:
+def test_operator_overrides_benchcontrol_and_benchcontrol_the_profile(whole: Rig, fast_tick: Tick) -> None:
     config = loop_config(rig=whole)
     ranges = signals_of(Surroundings)
     levels = {
@@ -270,7 +268,7 @@ def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME, in
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> None:
+def test_every_column_of_the_rings_rows_has_the_value_of_its_name(which: str) -> None:
     rows, bench = distinct(Rows), Bench(1.5, 2.5, 3.5, 4.5)
     memory = Memory(4, 4)
     write = write_row if which == "plain" else compiled(write_row)
@@ -293,7 +291,7 @@ def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> N
 
 
 class Silence:
-    """A transport on which nothing comes."""
+    """A transport without any frames."""
 
     name = "silence"
     is_up = True
@@ -312,7 +310,7 @@ class Silence:
 
 
 class Notes:
-    """A recorder that keeps rows."""
+    """Recorder that keeps rows."""
 
     def __init__(self) -> None:
         self.rows: list[Any] = []
@@ -321,7 +319,7 @@ class Notes:
         self.rows += list(rows)
 
 
-def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(
+def test_every_column_of_the_python_loops_rows_has_the_value_of_its_name(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows, watched, notes = distinct(Rows), Trace(), Notes()
@@ -345,9 +343,9 @@ CODES = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
-def test_hall_a_and_b_fit_the_count_opening_and_closing(whole: Rig, fast_tick: Tick, rate: float) -> None:
-    """At 200 Hz several edges come a tick: the levels are those of the count all the same. At 1 kHz an ECU that
-    samples A and B once a tick counts what the decoder does.
+def test_hall_a_and_b_agree_with_the_count_in_both_directions(whole: Rig, fast_tick: Tick, rate: float) -> None:
+    """At 200 Hz several edges come per tick: the levels still agree with the count. At 1 kHz an ECU that samples A
+    and B once per tick counts what the decoder counts.
     """
     config = loop_config(rate, whole)
     state = start_of(config, math.radians(30.0), latched=False)
@@ -377,7 +375,7 @@ def test_hall_a_and_b_fit_the_count_opening_and_closing(whole: Rig, fast_tick: T
             assert np.array_equal(ways, steps)
 
 
-def test_the_catalogues_rig_is_a_rig(tmp_path: Path) -> None:
+def test_the_rig_generated_from_the_catalogue_maps_every_quantity(tmp_path: Path) -> None:
     rig = catalogue_rig(tmp_path)
     assert {wire.quantity for wire in rig.inputs} == BUS_INPUTS.keys()
     assert {wire.quantity for wire in rig.outputs} == BUS_OUTPUTS.keys()

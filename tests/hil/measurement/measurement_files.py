@@ -1,4 +1,4 @@
-"""Files that the tests of measurements read."""
+"""Files for the tests of measurements."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def read(path: Path, *maps: str) -> Measurement:
 
 
 def faults_of(path: Path, *maps: str) -> list[str]:
-    """What is said of a file that is no measurement, without its name."""
+    """Return the issues reported for a file that is no measurement, without the file's name."""
     with pytest.raises(ConfigError) as caught:
         read(path, *maps)
     return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
 
 
 def written(folder: Path, text: str | bytes) -> Path:
-    """A file of this content, called CSV."""
+    """Write a CSV file of this content."""
     path = folder / "m.csv"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return path

@@ -1,4 +1,4 @@
-"""Whatever a file holds: a measurement, or faults that name it."""
+"""Files with any content are read as measurements or refused with issues that name them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def read_or_told(name: str, content: bytes) -> None:
     st.lists(st.lists(CELLS, min_size=1, max_size=5), max_size=5),
     st.sampled_from([",", ";", "\t"]),
 )
-def test_any_table(names: list[str], rows: list[list[str]], delimiter: str) -> None:
+def test_any_table_is_read_or_refused(names: list[str], rows: list[list[str]], delimiter: str) -> None:
     lines = [names, *rows]
     read_or_told("m.csv", "\n".join(delimiter.join(line) for line in lines).encode())
 
@@ -53,14 +53,14 @@ def test_any_table(names: list[str], rows: list[list[str]], delimiter: str) -> N
 @pytest.mark.parametrize("name", ["m.csv", "m.log", "m.asc", "m.blf", "m.trc"])
 @CALM
 @given(content=st.binary(max_size=300))
-def test_any_bytes(name: str, content: bytes) -> None:
+def test_any_bytes_are_read_or_refused(name: str, content: bytes) -> None:
     read_or_told(name, content)
 
 
 @pytest.mark.parametrize("name", ["m.log", "m.asc", "m.trc"])
 @CALM
 @given(content=st.text(alphabet="0123456789ABCDEF #().canRdxT\n;", max_size=200))
-def test_any_text(name: str, content: str) -> None:
+def test_any_text_is_read_or_refused(name: str, content: str) -> None:
     read_or_told(name, content.encode())
 
 
@@ -95,12 +95,12 @@ def test_columns_have_their_values_units_and_empty_cells(tmp_path: Path) -> None
         ({"time_s": [0.0, 0.2, 0.1, 0.3]}, "time_s: row 3; allowed: finite and rising"),
     ],
 )
-def test_what_is_no_measurement_is_reported(tmp_path: Path, change: Any, said: str) -> None:
+def test_a_file_that_is_no_measurement_is_reported(tmp_path: Path, change: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read(parquet_file(tmp_path / "m.parquet", COLUMNS | change), "left_voltage_v=U")
 
 
-def test_what_is_no_parquet_is_reported(tmp_path: Path) -> None:
+def test_a_file_that_is_no_parquet_is_reported(tmp_path: Path) -> None:
     (tmp_path / "m.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(ConfigError, match=r"m\.parquet: cannot be read"):
         read(tmp_path / "m.parquet")

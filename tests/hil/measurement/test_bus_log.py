@@ -1,4 +1,4 @@
-"""Bus logs: commands become inputs that hold, sensor frames become samples, what is not sound is left out."""
+"""Bus logs: commands become held inputs, sensor frames become samples, invalid frames are left out."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def left(duty: float, direction: int, release: int = 0) -> dict[str, float]:
 
 
 def stimulus_plan(rig: Rig) -> list[Frame]:
-    """A sensor frame, then commands each 10 ms with sensor frames each 5 ms, the panel once."""
+    """Frames: a sensor frame, commands each 10 ms, sensor frames each 5 ms, one BenchControl frame."""
     frames: list[Frame] = [(0.0, LEFT_DRIVE, drive(rig, 0, 0.0, 0))]
     orders = [left(50, OPEN, 1), left(25, CLOSE), left(80, BRAKE), left(80, COAST)]
     for k in range(40):
@@ -80,7 +80,7 @@ def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> No
             assert np.array_equal(values, read[0].columns[name], equal_nan=True), name
 
 
-def test_commands_are_signed_duties_that_hold(tmp_path: Path, rig: Rig) -> None:
+def test_commands_become_signed_duties_held_until_the_next_command(tmp_path: Path, rig: Rig) -> None:
     m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     duty, coast, latch = (m.columns[n] for n in ("left_duty", "left_coast", "latch_released"))
     assert m.times[0] == 0.0
@@ -95,7 +95,7 @@ def test_commands_are_signed_duties_that_hold(tmp_path: Path, rig: Rig) -> None:
         assert set(zip(duty[rows], coast[rows], latch[rows], strict=True)) == {expected}
 
 
-def test_sensor_frames_are_samples_where_they_came(tmp_path: Path, rig: Rig) -> None:
+def test_sensor_frames_become_samples_at_their_timestamps(tmp_path: Path, rig: Rig) -> None:
     m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     current, count = m.columns["left_current_a"], m.columns["left_hall_count"]
     there = np.isfinite(current)
@@ -109,14 +109,14 @@ def test_sensor_frames_are_samples_where_they_came(tmp_path: Path, rig: Rig) -> 
     assert np.allclose(angle[at], 0.01 * np.arange(40))
 
 
-def test_frames_of_one_microsecond_are_one_row(tmp_path: Path, rig: Rig) -> None:
+def test_frames_within_one_microsecond_form_one_row(tmp_path: Path, rig: Rig) -> None:
     m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     assert np.all(np.diff(m.times) > 0.0)
     # Command and sensor frame together, gate, second sensor frame; the first sensor frame, the panel.
     assert len(m.times) == 40 * 3 + 1 + 1
 
 
-def test_the_panel_holds_from_its_frame_on(tmp_path: Path, rig: Rig) -> None:
+def test_benchcontrol_values_hold_from_their_frame_on(tmp_path: Path, rig: Rig) -> None:
     path = write_log(tmp_path / "m.log", stimulus_plan(rig))
     known = {"supply_voltage_v": 12.0, "road_slope_deg": 0.0, "hand_force_n": 0.0}
     m = read_measurement(path, {}, rig, known)
@@ -130,13 +130,13 @@ def test_the_panel_holds_from_its_frame_on(tmp_path: Path, rig: Rig) -> None:
     assert "supply_voltage_v: its first value is also used for the time before it" in unknown.notes
 
 
-def test_without_a_panel_its_columns_are_not_there(tmp_path: Path, rig: Rig) -> None:
+def test_without_benchcontrol_frames_its_columns_are_missing(tmp_path: Path, rig: Rig) -> None:
     frames = [frame for frame in stimulus_plan(rig) if frame[1] != BENCH_CONTROL]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig, {"supply_voltage_v": 12.0})
     assert not {"supply_voltage_v", "road_slope_deg", "hand_force_n"} & set(m.columns)
 
 
-def test_a_stale_command_coasts_from_its_time_out_on(tmp_path: Path, rig: Rig) -> None:
+def test_motors_coast_from_the_timeout_of_a_stale_command_on(tmp_path: Path, rig: Rig) -> None:
     frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or not 0.05 < f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     # The last command before the hole comes at 0.045 s and is good for 3 cycles of 10 ms.
@@ -147,14 +147,14 @@ def test_a_stale_command_coasts_from_its_time_out_on(tmp_path: Path, rig: Rig) -
     assert np.all(m.columns["latch_released"][coast == 1.0] == 0.0)
 
 
-def test_a_command_that_ends_before_the_log_goes_stale(tmp_path: Path, rig: Rig) -> None:
+def test_the_last_command_goes_stale_if_the_log_goes_on(tmp_path: Path, rig: Rig) -> None:
     frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     after = m.times >= 0.125 - 1e-9
     assert np.array_equal(m.columns["left_coast"][m.times > 0.004] == 1.0, after[m.times > 0.004])
 
 
-def test_frames_stamped_a_little_out_of_turn_keep_their_order(tmp_path: Path, rig: Rig) -> None:
+def test_frames_with_slightly_disordered_timestamps_keep_their_order(tmp_path: Path, rig: Rig) -> None:
     path = tmp_path / "m.log"
     frames = [(9.0, COMMAND, command_payload(rig, 0, **left(50, OPEN))), (9.01, GATE, gate(rig, 1.0))]
     frames += [(9.009, COMMAND, command_payload(rig, 1, **left(20, OPEN)))]
@@ -166,7 +166,7 @@ def test_frames_stamped_a_little_out_of_turn_keep_their_order(tmp_path: Path, ri
 
 
 def spoiled(frames: list[Frame], rig: Rig) -> list[Frame]:
-    """With frames in between that the emulator would refuse."""
+    """Frames interspersed with some that the emulator would refuse."""
     good = drive(rig, 5, 100.0, 999)
     bad = [
         (0.0301, LEFT_DRIVE, good[:-1] + bytes([good[-1] ^ 1])),  # checksum
@@ -179,7 +179,7 @@ def spoiled(frames: list[Frame], rig: Rig) -> list[Frame]:
     return sorted([*frames, *bad], key=lambda frame: frame[0])
 
 
-def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, rig: Rig) -> None:
+def test_frames_that_the_emulator_would_refuse_are_refused_and_counted(tmp_path: Path, rig: Rig) -> None:
     clean = read_measurement(write_log(tmp_path / "a.log", stimulus_plan(rig)), {}, rig)
     m = read_measurement(write_log(tmp_path / "b.log", spoiled(stimulus_plan(rig), rig)), {}, rig)
     for name, values in clean.columns.items():
@@ -196,7 +196,7 @@ def test_lost_frames_are_reported(tmp_path: Path, rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffix: str) -> None:
+def test_a_log_without_frames_of_the_rig_is_refused(tmp_path: Path, rig: Rig, suffix: str) -> None:
     path = write_log(tmp_path / f"m.{suffix}", [(0.0, 0x300, b"x"), (1.0, 0x301, b"y")])
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
@@ -206,7 +206,7 @@ def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffi
     ]
 
 
-def test_a_log_without_commands_or_sensors_is_a_fault(tmp_path: Path, rig: Rig) -> None:
+def test_a_log_without_commands_or_sensor_frames_is_refused(tmp_path: Path, rig: Rig) -> None:
     path = write_log(tmp_path / "m.log", [(0.0, *panel_frame(rig)), (1.0, LEFT_DRIVE, b"\0" * 8)])
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
@@ -218,7 +218,7 @@ def test_a_log_without_commands_or_sensors_is_a_fault(tmp_path: Path, rig: Rig) 
     ]
 
 
-def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
+def test_a_log_whose_clock_was_set_back_is_refused(tmp_path: Path, rig: Rig) -> None:
     path = tmp_path / "m.log"
     command, angle = command_payload(rig, 0).hex(), gate(rig, 0.0).hex()
     path.write_text(f"(9.000000) can0 120#{command}\n(8.000000) can0 220#{angle}\n")
@@ -229,8 +229,8 @@ def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
     ]
 
 
-def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: Rig) -> None:
-    """As a full disk or a kill leaves it, wherever in the line; half a payload would be another frame."""
+def test_an_incomplete_last_line_of_a_log_is_ignored(tmp_path: Path, rig: Rig) -> None:
+    """A full disk or a kill cuts a line anywhere; half a payload would be another frame."""
     path = write_log(tmp_path / "bus.log", stimulus_plan(rig))
     text = path.read_bytes()
     start = text[:-1].rfind(b"\n") + 1
@@ -253,7 +253,7 @@ def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: R
         ("log", r"no frame of the rig, but 20 lines left out \(not understood\)"),
     ],
 )
-def test_garbage_is_refused(tmp_path: Path, rig: Rig, suffix: str, said: str) -> None:
+def test_garbage_in_a_log_is_refused(tmp_path: Path, rig: Rig, suffix: str, said: str) -> None:
     path = tmp_path / f"m.{suffix}"
     path.write_bytes(b"(this) is no log\n" * 20)
     with pytest.raises(ConfigError, match=said):
@@ -311,7 +311,7 @@ def theirs(tmp_path: Path, suffix: str, rig: Rig) -> Measurement:
 
 
 @pytest.mark.parametrize("suffix", ["log", "asc", "blf", "mf4"])
-def test_a_foreign_rig_says_what_foreign_frames_mean(tmp_path: Path, suffix: str) -> None:
+def test_a_foreign_rig_decodes_foreign_frames(tmp_path: Path, suffix: str) -> None:
     m = theirs(tmp_path, suffix, rig_of(tmp_path, THEIRS, THEIR_RIG))
     assert list(m.columns) == ["left_duty", "left_coast", "left_current_a", "left_hall_count", "gate_angle_deg"]
     # The sign is the direction, and none is brake.

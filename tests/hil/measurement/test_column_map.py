@@ -1,4 +1,4 @@
-"""`--map`: foreign names and units become ours."""
+"""`--map` maps foreign column names and units to those of the catalogue."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ TIMES = np.arange(25) * 0.01
         ("voltage_v=U", "voltage_v", Theirs("U")),
     ],
 )
-def test_a_flag_says_name_unit_and_scale(given: str, ours: str, theirs: Theirs) -> None:
+def test_a_map_flag_sets_name_unit_and_scale(given: str, ours: str, theirs: Theirs) -> None:
     assert parse_maps([given]) == {ours: theirs}
 
 
-def test_a_file_says_the_same_and_offsets(tmp_path: Path) -> None:
+def test_a_map_file_sets_name_unit_scale_and_offset(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text(
         '[columns]\nleft_current_a = { name = "Iq", unit = "mA", scale = 2.0, offset = -5 }\ntime_s = "t"\n'
@@ -69,20 +69,20 @@ def test_a_file_says_the_same_and_offsets(tmp_path: Path) -> None:
         ("left_hall_count", "", 7.0, 7.0),
     ],
 )
-def test_units_are_converted(column: str, unit: str, theirs: float, ours: float) -> None:
+def test_units_of_mapped_columns_are_converted(column: str, unit: str, theirs: float, ours: float) -> None:
     factors = conversion(column, unit)
     assert factors is not None
     assert factors[0] * theirs + factors[1] == pytest.approx(ours, rel=1e-12)
 
 
 @pytest.mark.parametrize("column", KNOWN)
-def test_every_column_has_its_own_unit(column: str) -> None:
+def test_every_column_accepts_its_own_unit_and_refuses_unknown_ones(column: str) -> None:
     assert conversion(column, KNOWN[column].unit) == (1.0, 0.0)
     assert conversion(column, "") == conversion(column, column.rpartition("_")[2]) == (1.0, 0.0)
     assert conversion(column, "furlong") is None
 
 
-def test_a_mapped_file_is_read_in_our_units(tmp_path: Path) -> None:
+def test_a_mapped_file_is_read_in_the_units_of_the_catalogue(tmp_path: Path) -> None:
     columns = {"t": TIMES * 1e3, "U": TIMES * 1e3, "Iq [mA]": TIMES * 1e3, "n": TIMES * 600.0}
     path = write_csv(tmp_path / "m.csv", columns)
     measurement = read(
@@ -94,7 +94,7 @@ def test_a_mapped_file_is_read_in_our_units(tmp_path: Path) -> None:
     assert np.allclose(measurement.columns["left_speed_rps"], -10.0 * TIMES, rtol=1e-12)
 
 
-def test_a_unit_in_a_header_counts_where_none_is_stated(tmp_path: Path) -> None:
+def test_a_unit_in_the_header_is_used_if_the_map_states_none(tmp_path: Path) -> None:
     columns = {
         "time_s": TIMES,
         "U [mV]": TIMES * 1e3,
@@ -111,7 +111,7 @@ def test_a_unit_in_a_header_counts_where_none_is_stated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("header", ["time_s,voltage_v,Winkel [°]\n", "time_s,voltage_v,Winkel\ns,V,°\n"])
-def test_a_stated_unit_counts_whatever_unit_the_file_states(tmp_path: Path, header: str) -> None:
+def test_a_unit_in_the_map_overrides_that_of_the_file(tmp_path: Path, header: str) -> None:
     path = tmp_path / "m.csv"
     path.write_text(header + "".join(f"{at},1,{at}\n" for at in TIMES), encoding="utf-8")
     file = tmp_path / "map.toml"
@@ -121,13 +121,13 @@ def test_a_stated_unit_counts_whatever_unit_the_file_states(tmp_path: Path, head
             assert np.allclose(read(path, given).columns["gate_angle_deg"], factor * TIMES)
 
 
-def test_a_map_takes_the_column_of_its_name_before_one_with_a_unit_or_one_of_ours(tmp_path: Path) -> None:
+def test_a_map_prefers_the_exact_column_name_to_one_with_a_unit_or_a_catalogue_name(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": 2.0 * TIMES, "Iq [mA]": -TIMES, "Iq": TIMES}
     path = write_csv(tmp_path / "m.csv", columns)
     assert np.allclose(read(path, "left_current_a=Iq[A]").columns["left_current_a"], TIMES)
 
 
-def test_a_bracket_that_is_no_unit_belongs_to_the_name_and_two_units_are_told_apart(tmp_path: Path) -> None:
+def test_brackets_without_a_unit_belong_to_the_name_and_columns_may_differ_in_unit(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "I[0]": TIMES, "Iq [A]": TIMES, "Iq [mA]": TIMES * 1e3}
     path = write_csv(tmp_path / "m.csv", columns)
     file = tmp_path / "map.toml"
@@ -138,7 +138,7 @@ def test_a_bracket_that_is_no_unit_belongs_to_the_name_and_two_units_are_told_ap
         read(path, "left_current_a=Iq")
 
 
-def test_a_map_given_directly_overrides_that_of_a_file(tmp_path: Path) -> None:
+def test_a_map_flag_overrides_the_map_file(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "a": TIMES, "b": -TIMES})
     file = tmp_path / "map.toml"
     file.write_text('[columns]\nleft_current_a = "a"\n')
@@ -146,7 +146,7 @@ def test_a_map_given_directly_overrides_that_of_a_file(tmp_path: Path) -> None:
         assert np.allclose(read(path, *maps).columns["left_current_a"], -TIMES)
 
 
-def test_a_slope_that_only_its_sensor_states_gets_a_note(tmp_path: Path) -> None:
+def test_a_road_slope_known_only_from_its_sensor_gets_a_note(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES}
     steep = {"sensed_road_slope_deg": np.full(len(TIMES), 8.0)}
     path = write_csv(tmp_path / "m.csv", columns | steep)
@@ -155,7 +155,7 @@ def test_a_slope_that_only_its_sensor_states_gets_a_note(tmp_path: Path) -> None
     assert read(path, "road_slope_deg=sensed_road_slope_deg").notes == ()
 
 
-def test_a_missing_mapped_column_is_reported_with_those_there(tmp_path: Path) -> None:
+def test_a_missing_mapped_column_is_reported_with_the_existing_columns(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "Iq": TIMES})
     with pytest.raises(ConfigError) as caught:
         read(path, "left_current_a=Id", "left_speed_rps=n")
@@ -165,7 +165,7 @@ def test_a_missing_mapped_column_is_reported_with_those_there(tmp_path: Path) ->
     ]
 
 
-def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
+def test_all_issues_of_all_maps_are_reported_at_once(tmp_path: Path) -> None:
     path = tmp_path / "m.toml"
     path.write_text('[columns]\nleft_current_a = { name = "I", unit = "V", skale = 1 }\n')
     with pytest.raises(ConfigError) as caught:
@@ -194,12 +194,12 @@ def test_a_column_may_be_mapped_once_only() -> None:
         ("F {kN}", 350.0), ("F<kN>", 350.0), ("F: kN", 350.0), ("F|kN", 350.0),
     ],
 )  # fmt: skip
-def test_a_unit_in_a_columns_name_counts(tmp_path: Path, header: str, newtons: float) -> None:
+def test_a_unit_in_brackets_after_a_column_name_is_used(tmp_path: Path, header: str, newtons: float) -> None:
     assert _force_in(tmp_path, header, header) == pytest.approx([newtons, newtons])
 
 
 @pytest.mark.parametrize("header", ["F [kW]", "F (filtered)", "F/kW", "F (kN/s)", "F [lb]", "F_kN_raw"])
-def test_a_text_in_a_columns_name_that_is_no_unit_of_ours_is_refused(tmp_path: Path, header: str) -> None:
+def test_an_unknown_unit_in_a_column_name_is_refused(tmp_path: Path, header: str) -> None:
     with pytest.raises(ConfigError, match=r"unit .*; allowed: N, "):
         _force_in(tmp_path, header, header)
     assert _force_in(tmp_path, header, f"{header}[kN]") == pytest.approx([350.0, 350.0])
@@ -226,7 +226,7 @@ def _force_in(folder: Path, header: str, theirs: str) -> list[float]:
     "header",
     ["w_rad_s", "w_radps", "w_rad_per_s", "w in rad/s", "w rad/s", "w/rad/s", "w (rad/s)", "w [rad/s] filtered"],
 )
-def test_a_unit_of_a_rate_is_understood_in_its_forms(header: str) -> None:
+def test_units_of_rates_are_understood_in_all_usual_forms(header: str) -> None:
     assert conversion("left_speed_rps", unit_in(header, KNOWN["left_speed_rps"])) == conversion(
         "left_speed_rps", "rad/s"
     )

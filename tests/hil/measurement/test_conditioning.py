@@ -1,4 +1,4 @@
-"""Cutting, thinning and resampling leave what the inputs do to the outputs as it was."""
+"""Cutting, thinning and resampling preserve how the inputs act on the outputs."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ def test_a_cut_keeps_rows_and_times_of_the_file() -> None:
     assert m.notes == ("read", "cut to 0.2 ... 0.5 s: 31 of 100 rows")
 
 
-def test_a_cut_of_nothing_changes_nothing() -> None:
+def test_a_cut_without_limits_changes_nothing() -> None:
     m = measured(np.arange(3.0), left_voltage_v=np.zeros(3))
     assert cut_time(m) is m
     assert cut_angle(measured(np.arange(3.0), gate_angle_deg=np.ones(3)), 0.0, 2.0).notes == ("read",)
 
 
-def test_a_cut_beside_the_measurement_is_a_fault() -> None:
+def test_a_cut_outside_the_measurement_is_refused() -> None:
     with pytest.raises(ConfigError) as caught:
         cut_time(measured(np.arange(3.0), left_voltage_v=np.zeros(3)), 5.0)
     assert caught.value.issues == ["m.csv: no row from 5 to 2 s; allowed: within 0 to 2 s"]
 
 
-def test_the_longest_stretch_between_two_angles_is_kept() -> None:
+def test_a_cut_by_angles_keeps_the_longest_section_between_them() -> None:
     times = np.arange(300) * 0.1
     angle = np.concatenate([np.linspace(0, 80, 100), np.linspace(80, 10, 150), np.linspace(10, 80, 50)])
     m = cut_angle(measured(times, left_voltage_v=times, gate_angle_deg=angle), 20.0, 60.0)
@@ -62,7 +62,7 @@ def test_the_longest_stretch_between_two_angles_is_kept() -> None:
     assert "the longest of 3 stretches" in m.notes[-1]
 
 
-def test_the_angle_comes_from_a_sparse_column_or_from_the_position() -> None:
+def test_a_cut_by_angles_uses_a_sparse_angle_column_or_the_position() -> None:
     times = np.arange(100) * 0.1
     angle = np.where(np.arange(100) % 7 == 0, np.arange(100.0), np.nan)
     sparse = cut_angle(measured(times, left_voltage_v=times, gate_angle_deg=angle), 9.5, 30.5)
@@ -81,7 +81,7 @@ def test_the_angle_comes_from_a_sparse_column_or_from_the_position() -> None:
         ({"gate_angle_deg": np.arange(5.0)}, "the gate is never there; allowed: within 0 to 4 deg"),
     ],
 )
-def test_an_angle_that_never_is_is_a_fault(columns: dict[str, Floats], said: str) -> None:
+def test_a_cut_at_an_angle_never_reached_is_refused(columns: dict[str, Floats], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         cut_angle(measured(np.arange(5.0), **columns), 10.0, 20.0)
 
@@ -94,7 +94,7 @@ def experiment(times: Floats, volts: Floats | None = None, **outputs: Floats) ->
     return Data("m.csv", times, rows_of(columns, len(times)), outputs)
 
 
-def test_inputs_stay_as_they_are() -> None:
+def test_thinning_leaves_the_inputs_unchanged() -> None:
     times = np.arange(5000) * STEP
     data = experiment(times, np.sign(np.sin(9.0 * times)), left_current_a=times)
     for rate, factor in ((None, 5), (250.0, 1), (500.0, 3)):
@@ -106,8 +106,8 @@ def test_inputs_stay_as_they_are() -> None:
 
 
 @pytest.mark.parametrize(("rate", "factor"), [(None, 7), (300.0, 1), (500.0, 4), (3000.0, 5)])
-def test_what_is_done_to_the_measured_is_done_to_the_simulated(rate: float | None, factor: int) -> None:
-    """A simulation that meets every sample there is meets every one that is left."""
+def test_measured_and_simulated_outputs_are_thinned_alike(rate: float | None, factor: int) -> None:
+    """A simulation that fits every sample fits every remaining sample after thinning."""
     random = np.random.default_rng(4)
     times = np.cumsum(random.uniform(0.8, 1.2, 4000)) * STEP if rate else np.arange(4000) * STEP
     # Blocks and single ones without a sample, and a column on a slower raster.
@@ -123,7 +123,7 @@ def test_what_is_done_to_the_measured_is_done_to_the_simulated(rate: float | Non
         assert np.allclose(few.thinned(name, values)[left], few.outputs[name][left], atol=1e-12)
 
 
-def test_what_the_coarse_raster_cannot_show_is_gone_and_the_rest_stays() -> None:
+def test_thinning_removes_frequencies_above_the_coarse_nyquist_limit_only() -> None:
     times = np.arange(10_000) * STEP
     slow, fast = np.sin(2 * np.pi * 3.0 * times), np.sin(2 * np.pi * 197.0 * times)
     few = thinned(experiment(times, left_current_a=slow + fast), None, 10, QUANTUM)
@@ -134,7 +134,7 @@ def test_what_the_coarse_raster_cannot_show_is_gone_and_the_rest_stays() -> None
 
 @CALM
 @given(st.integers(2, 20), st.floats(-5, 5), st.floats(-100, 100))
-def test_a_ramp_is_exact_up_to_both_ends(factor: int, offset: float, slope: float) -> None:
+def test_a_thinned_ramp_is_exact_up_to_both_ends(factor: int, offset: float, slope: float) -> None:
     times = np.arange(25 * factor + 3) * STEP
     few = thinned(experiment(times, gate_angle_deg=offset + slope * times), None, factor, QUANTUM)
     assert np.array_equal(few.times, times[::factor])
@@ -145,7 +145,7 @@ def test_a_ramp_is_exact_up_to_both_ends(factor: int, offset: float, slope: floa
 
 
 @pytest.mark.parametrize(("rate", "factor"), [(None, 10), (130.0, 1)])
-def test_counts_stay_counts(rate: float | None, factor: int) -> None:
+def test_thinned_counts_are_still_counts(rate: float | None, factor: int) -> None:
     times = np.arange(2000) * STEP
     position = np.rint(times * 50.0) * QUANTUM
     few = thinned(experiment(times, left_position_rev=position), rate, factor, QUANTUM)
@@ -156,7 +156,7 @@ def test_counts_stay_counts(rate: float | None, factor: int) -> None:
     assert np.allclose(whole, few.times, atol=1e-12)
 
 
-def test_a_gap_stays_a_gap() -> None:
+def test_gaps_in_an_output_survive_thinning() -> None:
     times = np.arange(3000) * STEP
     current = np.sin(times)
     current[1000:1500] = np.nan
@@ -177,14 +177,14 @@ def test_a_gap_stays_a_gap() -> None:
         (1e9, 1, "m.csv: `resample` 1e+09: 149000001 rows; allowed: up to 5e+07"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_thinned_out_so_is_a_fault(rate: float | None, factor: int, said: str) -> None:
+def test_a_thinning_that_does_not_fit_the_time_base_is_refused(rate: float | None, factor: int, said: str) -> None:
     times = np.cumsum(np.tile([0.001, 0.002], 50))
     with pytest.raises(ConfigError) as caught:
         thinned(experiment(times, left_current_a=times), rate, factor, QUANTUM)
     assert caught.value.issues == [said]
 
 
-def test_outputs_lie_on_lines_and_never_across_a_gap() -> None:
+def test_outputs_are_interpolated_linearly_but_not_across_gaps() -> None:
     own = np.concatenate([np.arange(0, 1, 0.01), np.arange(2, 3, 0.01)])
     own = own + np.random.default_rng(1).uniform(-0.001, 0.001, len(own))
     few = thinned(experiment(own, gate_angle_deg=3.0 * own), 250.0, 1, QUANTUM)
@@ -251,12 +251,12 @@ def test_a_jump_of_the_current_after_one_of_the_duty_is_no_outlier() -> None:
         np.zeros(300),
     ],
 )
-def test_what_is_only_quantised_or_steep_is_no_outlier(signal: Floats) -> None:
+def test_quantised_or_steep_signals_have_no_outliers(signal: Floats) -> None:
     assert len(outliers(signal)) == 0
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_outliers_are_those_of_hampels_filter_over_every_window(seed: int) -> None:
+def test_outliers_are_those_of_a_hampel_filter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     signal = np.cumsum(rng.standard_normal(300)) + 0.3 * rng.standard_normal(300)
     signal[rng.integers(0, 300, 6)] += rng.choice([-1.0, 1.0], 6) * rng.uniform(2.0, 60.0, 6)

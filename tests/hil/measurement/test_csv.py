@@ -1,4 +1,4 @@
-"""CSV files: every usual form is read, every fault is told with its place."""
+"""CSV files: every usual form is read, every issue is reported with its row and column."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HEAD = "time_s,left_voltage_v,left_current_a\n"
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
-def test_each_usual_form_gives_the_same_numbers(
+def test_each_usual_form_of_csv_gives_the_same_numbers(
     tmp_path: Path, delimiter: str, encoding: str, newline: str
 ) -> None:
     text = csv_text(GOOD, delimiter).replace("\n", newline) + newline
@@ -41,7 +41,7 @@ def test_each_usual_form_gives_the_same_numbers(
         assert np.array_equal(measurement.columns[name], GOOD[name])
 
 
-def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
+def test_quoted_cells_blanks_and_empty_lines_are_read(tmp_path: Path) -> None:
     path = written(tmp_path, '"time_s", left_voltage_v ,left_current_a\n"0", 1 ,2\n\n"0.1", 1.5 ,"3"\n')
     measurement = read(path)
     assert measurement.columns["left_voltage_v"].tolist() == [1.0, 1.5]
@@ -52,7 +52,7 @@ def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
 @given(
     arrays.arrays(np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)), st.booleans()
 )
-def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
+def test_the_fast_and_the_cell_by_cell_reader_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "m.csv"
         path.write_text("a,b,c\n" + "\n".join(",".join(map(repr, r)) for r in table.tolist()))
@@ -67,15 +67,15 @@ def values_in(path: Path, names: list[str]) -> np.ndarray:
 
 
 def carefully(path: Path, names: list[str]) -> np.ndarray:
-    """The values by the reader that takes cell by cell."""
+    """Return the values by the reader that parses cell by cell."""
     with pytest.MonkeyPatch.context() as patch:
         for fast in ("_whole", "_cells"):
             patch.setattr(csv_file.CsvFile, fast, lambda *_: None)
         return values_in(path, names)
 
 
-def test_a_row_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
-    """As a full disk or a kill leaves it."""
+def test_a_truncated_last_row_is_left_out(tmp_path: Path) -> None:
+    """A full disk or a kill leaves such a row."""
     path = tmp_path / "cut.csv"
     path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3\n0.002,1")
     m = read(path)
@@ -87,7 +87,7 @@ def test_a_row_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
     assert "row 2: 2 cells" in faults_of(path)[0]
 
 
-def test_an_empty_output_cell_is_no_sample(tmp_path: Path) -> None:
+def test_an_empty_cell_of_an_output_is_a_missing_sample(tmp_path: Path) -> None:
     current = TIMES.copy()
     current[[3, 7]] = np.nan
     measurement = read(write_csv(tmp_path / "m.csv", {**GOOD, "left_current_a": current}))
@@ -101,7 +101,7 @@ def test_an_input_of_a_slower_raster_is_held(tmp_path: Path) -> None:
     assert measurement.columns["left_voltage_v"].tolist() == np.repeat(np.arange(6.0), 5).tolist()
 
 
-def test_a_hole_in_an_input_is_a_fault(tmp_path: Path) -> None:
+def test_a_missing_value_of_an_input_is_refused(tmp_path: Path) -> None:
     volts = np.full(30, 6.0)
     volts[11] = np.nan
     assert faults_of(write_csv(tmp_path / "m.csv", {**GOOD, "left_voltage_v": volts})) == [
@@ -110,7 +110,7 @@ def test_a_hole_in_an_input_is_a_fault(tmp_path: Path) -> None:
     ]
 
 
-def test_the_voltage_of_both_drives_goes_to_each(tmp_path: Path) -> None:
+def test_a_common_voltage_column_is_used_for_both_drives(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES * 2.0, "left_current_a": TIMES}
     measurement = read(write_csv(tmp_path / "m.csv", columns))
     assert list(measurement.columns) == ["left_voltage_v", "right_voltage_v", "left_current_a"]
@@ -205,21 +205,21 @@ def test_position_and_count_are_both_kept(tmp_path: Path) -> None:
         (b"time_s\0", ["cannot be read: binary; allowed: a CSV text"]),
     ],
 )
-def test_faults_are_reported_all_at_once_with_their_place(
+def test_all_issues_of_a_csv_file_are_reported_at_once_with_row_and_column(
     tmp_path: Path, text: str | bytes, said: list[str]
 ) -> None:
     assert faults_of(written(tmp_path, text)) == said
 
 
 @pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
-def test_a_file_that_is_not_there_is_reported(tmp_path: Path, name: str, rig: object) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path, name: str, rig: object) -> None:
     from liftgate_hil.measurement.table import read_measurement
 
     with pytest.raises(ConfigError, match=r"no such file$"):
         read_measurement(tmp_path / name, {}, rig)
 
 
-def test_a_suffix_that_nobody_reads_is_reported(tmp_path: Path) -> None:
+def test_an_unknown_file_suffix_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "m.xlsx"
     path.write_bytes(b"PK")
     assert faults_of(path) == [
@@ -227,7 +227,7 @@ def test_a_suffix_that_nobody_reads_is_reported(tmp_path: Path) -> None:
     ]
 
 
-def test_a_table_of_very_many_columns_is_read_as_any_other(tmp_path: Path) -> None:
+def test_a_table_with_very_many_columns_is_read(tmp_path: Path) -> None:
     names = ["time_s", "voltage_v", "left_current_a", *(f"c{k}" for k in range(19_997))]
     rows = [",".join([f"{0.01 * k:.2f}", "1", "2", *["0"] * 19_997]) for k in range(3)]
     measurement = read(written(tmp_path, "\n".join([",".join(names), *rows]) + "\n"))
@@ -239,7 +239,7 @@ CELLS = st.sampled_from(["1", "-2.5", "1e-3", "", " 7 ", "nan", "inf", "x"])
 
 @CALM
 @given(st.lists(st.tuples(CELLS, CELLS, CELLS), min_size=1, max_size=12), st.booleans(), st.integers(1, 40))
-def test_blocks_of_any_size_say_what_the_careful_reader_does(
+def test_blocks_of_any_size_agree_with_the_cell_by_cell_reader(
     rows: list[tuple[str, str, str]], is_ended: bool, block: int
 ) -> None:
     body = "\n".join(",".join(row) for row in rows) + "\n" * is_ended
@@ -258,7 +258,7 @@ def test_blocks_of_any_size_say_what_the_careful_reader_does(
             assert np.array_equal(values_in(path, ["c", "a"]), careful, equal_nan=True)
 
 
-def test_empty_cells_do_not_make_reading_slow(tmp_path: Path) -> None:
+def test_many_empty_cells_do_not_slow_reading_down(tmp_path: Path) -> None:
     path = written(tmp_path, "a,b,c\n0,,\n1,2,\n,3,4\n,,\n5,6,.7")
     with pytest.MonkeyPatch.context() as patch:
         patch.delattr(csv_file.CsvFile, "_by_cell")
@@ -267,7 +267,7 @@ def test_empty_cells_do_not_make_reading_slow(tmp_path: Path) -> None:
     assert np.array_equal(values, expected, equal_nan=True)
 
 
-def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> None:
+def test_rows_with_a_wrong_number_of_cells_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     for body in ("1,2\n3,4,5,6", "1,2,3,4\n5,6,7", "1\n2,3,4,5,6"):
         path.write_text(f"a,b,c\n{body}")
@@ -286,7 +286,7 @@ def test_rows_of_unlike_width_are_not_taken_for_each_other(tmp_path: Path) -> No
         ('"sep=,"\n\nt,U,"Winkel"\ns,-,"deg"\n\n0,12,1.5\n1,12,2.5\n', {UNITS}),
     ],
 )
-def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
+def test_extra_lines_of_excel_and_measuring_programs_around_a_table_are_understood(
     tmp_path: Path, content: str, notes: set[str]
 ) -> None:
     path = written(tmp_path, content.encode("cp1252"))
@@ -312,7 +312,7 @@ def test_what_excel_and_measuring_programs_put_around_a_table_is_understood(
         "n/a,V,A\n0,1,2",
     ],
 )
-def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: str) -> None:
+def test_a_first_row_that_is_not_clearly_units_is_read_as_data(tmp_path: Path, rows: str) -> None:
     path = written(tmp_path, f"{HEAD}{rows}\n")
     assert open_csv(path).names == HEAD.strip().split(",")
     with pytest.raises(ConfigError, match="row 1"):
@@ -320,7 +320,7 @@ def test_a_row_that_is_not_clearly_one_of_units_is_a_row(tmp_path: Path, rows: s
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t"])
-def test_decimal_commas_are_read_where_no_point_is_in_the_file(tmp_path: Path, delimiter: str) -> None:
+def test_decimal_commas_are_read_if_the_file_has_no_decimal_points(tmp_path: Path, delimiter: str) -> None:
     rows = ["0,0", "-1,5", "2"], ["0,1", "2,25e1", ""], ["0,2", "3", "-0,5"]
     body = "".join(delimiter.join(row) + "\n" for row in rows)
     measurement = read(written(tmp_path, HEAD.replace(",", delimiter) + body))
@@ -330,16 +330,14 @@ def test_decimal_commas_are_read_where_no_point_is_in_the_file(tmp_path: Path, d
     assert measurement.notes == ("decimal commas are read as points",)
 
 
-def test_a_point_that_comes_later_among_decimal_commas_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_decimal_point_among_decimal_commas_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_file, "_LONGEST", 64)
     rows = [f"{k};1,5;2" for k in range(50)] + ["50;1.5;2"]
     path = written(tmp_path, HEAD.replace(",", ";") + "\n".join(rows) + "\n")
     assert faults_of(path) == ["left_voltage_v: 1.5 in row 51; allowed: a number"]
 
 
-def test_a_recording_saved_with_decimal_commas_is_still_one_with_its_start(tmp_path: Path) -> None:
+def test_a_recording_resaved_with_decimal_commas_keeps_its_start_time(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("time_s;gate_angle_deg;run_start_s\n0;0,5;1764160000,5\n0,001;0,75;1764160000,5\n")
     recording = open_recording(path)
@@ -350,7 +348,7 @@ def test_a_recording_saved_with_decimal_commas_is_still_one_with_its_start(tmp_p
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("blank", ["", "\n"])
-def test_a_recording_with_other_line_ends_is_still_one(tmp_path: Path, newline: str, blank: str) -> None:
+def test_a_recording_with_other_line_endings_is_recognized(tmp_path: Path, newline: str, blank: str) -> None:
     path = tmp_path / "run.csv"
     text = f"time_s,gate_angle_deg,run_start_s\n{blank}0,1,1764160000.5\n1,2,1764160000.5\n"
     path.write_bytes(text.replace("\n", newline).encode())
@@ -359,17 +357,17 @@ def test_a_recording_with_other_line_ends_is_still_one(tmp_path: Path, newline: 
     assert np.concatenate([*recording.rows(["gate_angle_deg"])]).ravel().tolist() == [1.0, 2.0]
 
 
-def test_a_header_that_is_too_long_for_csv_is_refused(tmp_path: Path) -> None:
+def test_a_header_too_long_for_the_csv_reader_is_refused(tmp_path: Path) -> None:
     (said,) = faults_of(written(tmp_path, '{"a":"' + "x" * 140_000 + '"}\n'))
     assert said.startswith("its first line cannot be read: ")
 
 
-def test_a_date_beside_decimal_commas_does_not_matter(tmp_path: Path) -> None:
+def test_a_date_column_beside_decimal_commas_is_ignored(tmp_path: Path) -> None:
     rows = "0;1,5;2;01.02.2024\n1;2,5;2;01.02.2024\n"
     path = written(tmp_path, f"time_s;left_voltage_v;left_current_a;Datum\n{rows}")
     assert read(path).columns["left_voltage_v"].tolist() == [1.5, 2.5]
 
 
-def test_a_column_that_nearly_has_one_of_our_names_is_noted(tmp_path: Path) -> None:
+def test_a_column_name_similar_to_one_of_the_catalogue_is_noted(tmp_path: Path) -> None:
     columns = {**GOOD, "left_speed": TIMES, "left_curent_rms": TIMES, "comment": TIMES}
     assert read(write_csv(tmp_path / "m.csv", columns)).notes == ("left_speed is not read: is it left_speed_rps?",)

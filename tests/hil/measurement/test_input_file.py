@@ -1,4 +1,4 @@
-"""Inputs of `simulate` from a file: each column arrives under its own name."""
+"""Input files of `simulate`: each column is read under its own name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ VALUES = {
 
 
 def written(folder: Path, columns: dict[str, list[float]]) -> Path:
-    """A table of these, in any order but the catalogue's."""
+    """Write a table of these columns in an order other than the catalogue's."""
     names = list(columns)
     random.Random(3).shuffle(names)
     assert names != list(columns)
@@ -50,13 +50,13 @@ def written(folder: Path, columns: dict[str, list[float]]) -> Path:
 
 
 def without(columns: dict[str, Any], end: str) -> dict[str, Any]:
-    """A file says of a motor either its voltage or its duty."""
+    """Leave out voltage or duty, as a file has only one of them per motor."""
     motors = {f"left_{end}", f"right_{end}"}
     return {name: value for name, value in columns.items() if name not in motors}
 
 
 @pytest.mark.parametrize("left_out", ["duty", "voltage_v"])
-def test_every_column_fills_the_place_of_its_name(tmp_path: Path, left_out: str) -> None:
+def test_every_column_becomes_the_input_of_its_name(tmp_path: Path, left_out: str) -> None:
     given = without(VALUES, left_out)
     samples, _ = read_samples(written(tmp_path, given), {})
     rows = samples.rows_at(np.array([0.0005, 0.001, 0.004, 9.0]))
@@ -68,7 +68,7 @@ def test_every_column_fills_the_place_of_its_name(tmp_path: Path, left_out: str)
     assert len(np.unique(rows[0][np.isfinite(rows[0])])) == len(given)
 
 
-def test_one_voltage_is_both_motors_and_what_is_not_said_is_not_there(tmp_path: Path) -> None:
+def test_one_voltage_column_drives_both_motors_and_missing_columns_are_nan(tmp_path: Path) -> None:
     samples, notes = read_samples(written(tmp_path, {"voltage_v": [1.0, 2.0, 3.0], "snow_mass_kg": [4.0] * 3}), {})
     assert notes == ()
     (row,) = samples.rows_at(np.array([0.001]))
@@ -80,7 +80,7 @@ def test_one_voltage_is_both_motors_and_what_is_not_said_is_not_there(tmp_path: 
 LATCH = ("latch_released", "latch_cinched")  # shown by what the latch does
 
 
-def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> None:
+def test_the_simulated_table_has_every_input_in_its_column(tmp_path: Path) -> None:
     mild = {
         "left_voltage_v": 1.5, "right_voltage_v": -2.5, "left_duty": 0.0, "right_duty": 0.0,
         "left_coast": 0.0, "right_coast": 0.0, "supply_voltage_v": 11.0, "road_slope_deg": 3.0,
@@ -130,7 +130,7 @@ def table(folder: Path, text: str) -> Path:
     return path
 
 
-def test_an_input_begins_at_its_first_sample(tmp_path: Path) -> None:
+def test_an_input_is_unset_before_its_first_sample(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,voltage_v\n1700000000,1\n1700000000.5,2\n")
     samples, notes = read_samples(path, {})
     assert samples.times.tolist() == [0.0, 0.5]
@@ -143,7 +143,7 @@ RECORDED = (
 )
 
 
-def test_a_recordings_duties_count_and_hold_from_their_row_on(tmp_path: Path) -> None:
+def test_the_duties_of_a_recording_are_inputs_held_from_their_row_on(tmp_path: Path) -> None:
     samples, notes = read_samples(table(tmp_path, RECORDED), {})
     assert "left_voltage_v" not in samples.columns
     assert samples.columns["left_duty"].tolist() == [0.25, 0.0, 0.0]
@@ -152,14 +152,14 @@ def test_a_recordings_duties_count_and_hold_from_their_row_on(tmp_path: Path) ->
     assert "a recording of the emulator" in notes[0]
 
 
-def test_a_recordings_voltages_count_where_they_are_mapped(tmp_path: Path) -> None:
+def test_the_voltages_of_a_recording_are_inputs_only_if_mapped(tmp_path: Path) -> None:
     maps = parse_maps(["left_voltage_v=left_voltage_v"])
     samples, _ = read_samples(table(tmp_path, RECORDED), maps)
     assert "left_duty" not in samples.columns
     assert samples.columns["left_voltage_v"].tolist() == [3.0, 0.0, 0.0]
 
 
-def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) -> None:
+def test_a_map_sets_names_and_units_of_inputs_and_ignores_outputs(tmp_path: Path) -> None:
     path = table(tmp_path, "t,U,Iq\n5,1200,1\n10,2400,2\n")
     maps = parse_maps(["time_s=t[ms]", "left_voltage_v=U[mV]", "left_current_a=nowhere"])
     samples, _ = read_samples(path, maps)
@@ -176,16 +176,16 @@ def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) 
         ("time_s,left_voltage_mv\n0,1\n", "unexpected unit"),
     ],
 )
-def test_what_is_specified_for_a_bad_input(tmp_path: Path, text: str, said: str) -> None:
+def test_issues_of_a_wrong_input_file_are_reported(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read_samples(table(tmp_path, text), {})
 
 
-def test_columns_that_no_input_has_are_named_but_not_those_of_a_recording(tmp_path: Path) -> None:
+def test_unused_columns_are_named_except_those_of_a_recording(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,voltage_v,slope,left_current_a [mA],latched\n0,0,5,0,1\n1,12,5,3,1\n")
     assert read_samples(path, {})[1] == ("ignored, as no input has this name: slope",)
 
 
-def test_a_column_that_nearly_has_the_name_of_an_input_is_told_with_that(tmp_path: Path) -> None:
+def test_a_column_name_similar_to_an_input_is_reported_with_that_input(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,left_volt_v [mV],right_voltage_v\n0,0,5\n1,12,5\n")
     assert read_samples(path, {})[1] == ("left_volt_v [mV] is not read: is it left_voltage_v?",)

@@ -1,4 +1,4 @@
-"""Frames of a log that are wanted, read in any way, and columns that are what was said under their names."""
+"""Frames of a log: equal by any reader; columns have the values sent under their names."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def same(one: LogFrames, other: LogFrames) -> None:
 @given(
     lines=st.lists(st.one_of(LINES, OTHERS), max_size=20), end=st.sampled_from(["\n", "\r\n", "\n(1.0) can0 22"])
 )
-def test_lines_read_at_once_are_those_read_one_by_one(
+def test_the_block_reader_gives_the_same_frames_as_the_line_reader(
     lines: list[str], end: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "lines.log"  # the same one each time: folders take longer
@@ -69,7 +69,7 @@ def test_a_block_may_end_within_a_line(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize(("benches", "notes"), [(1, 0), (2, 1)])
-def test_two_benches_under_the_name_of_one_bus_are_noted(tmp_path: Path, benches: int, notes: int) -> None:
+def test_a_log_of_two_benches_on_one_bus_is_noted(tmp_path: Path, benches: int, notes: int) -> None:
     rig, path = shipped_rig(), tmp_path / "m.log"
     cycle = 1e-3 * rig.cycle_ms("Gate")
     lines = [f"({cycle * k:.6f}) can0 220#{k % 16:02X}00000000 T\n" * benches for k in range(50)]
@@ -96,7 +96,7 @@ TOLD = {
 }
 
 
-def test_every_column_of_a_log_is_what_was_said_under_its_name(tmp_path: Path) -> None:
+def test_every_column_of_a_log_has_the_values_sent_under_its_name(tmp_path: Path) -> None:
     rig = catalogue_rig(tmp_path)
     assert SAID.keys() == BUS_INPUTS.keys()
     frames = []

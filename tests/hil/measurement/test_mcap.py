@@ -1,4 +1,4 @@
-"""MCAP recordings of this program are read as they were written; what is none is told."""
+"""MCAP recordings of this program are read exactly as written; other files are refused."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def recorded(path: Path, rows: np.ndarray, drives: int = 2) -> McapFile:
     return open_mcap(path)
 
 
-def test_any_columns_come_back_to_the_last_bit_whatever_their_order(tmp_path: Path) -> None:
+def test_any_columns_are_read_back_exactly_in_any_order(tmp_path: Path) -> None:
     rows = rows_of(ROWS)
     file = recorded(tmp_path / "run.mcap", rows)
     assert file.names == columns_of(2)
@@ -58,7 +58,7 @@ def test_any_columns_come_back_to_the_last_bit_whatever_their_order(tmp_path: Pa
         assert np.array_equal(np.concatenate(blocks).view(np.int64), expected.view(np.int64))
 
 
-def test_a_gate_with_one_drive_has_its_columns(tmp_path: Path) -> None:
+def test_a_recording_of_a_gate_with_one_drive_has_the_columns_of_that_drive(tmp_path: Path) -> None:
     assert recorded(tmp_path / "run.mcap", rows_of(3), drives=1).names == columns_of(1)
 
 
@@ -88,7 +88,7 @@ def told(path: Path, content: bytes) -> str:
     return issue.removeprefix(f"{path}: ")
 
 
-def test_what_is_no_recording_of_ours_is_reported(tmp_path: Path) -> None:
+def test_an_mcap_file_of_another_program_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     assert told(path, b"") == "cannot be read: not an MCAP file"
     assert told(path, b"time_s,left_current_a\n0,1\n") == "cannot be read: not an MCAP file"
@@ -97,7 +97,7 @@ def test_what_is_no_recording_of_ours_is_reported(tmp_path: Path) -> None:
     assert told(path, made(lambda _: None)) == ours
 
 
-def test_a_file_that_is_cut_off_is_reported(tmp_path: Path) -> None:
+def test_a_truncated_mcap_file_is_reported(tmp_path: Path) -> None:
     recorded(tmp_path / "run.mcap", rows_of(2000))
     whole = (tmp_path / "run.mcap").read_bytes()
     for length in (9, 16, 100, len(whole) // 2, len(whole) - 1):
@@ -105,7 +105,7 @@ def test_a_file_that_is_cut_off_is_reported(tmp_path: Path) -> None:
         assert said == "cannot be read: it was not completed, its end is missing"
 
 
-def test_a_file_with_a_wrong_byte_is_reported_and_never_read_as_something_else(tmp_path: Path) -> None:
+def test_a_corrupted_byte_in_an_mcap_file_is_reported_and_never_changes_values(tmp_path: Path) -> None:
     expected = recorded(tmp_path / "run.mcap", rows_of(200)).read(["left_current_a"], [])
     whole = (tmp_path / "run.mcap").read_bytes()
     path, refused = tmp_path / "hurt.mcap", 0
@@ -122,7 +122,7 @@ def test_a_file_with_a_wrong_byte_is_reported_and_never_read_as_something_else(t
     assert refused > 20
 
 
-def test_a_null_is_an_empty_cell(tmp_path: Path) -> None:
+def test_a_null_in_mcap_json_is_an_empty_cell(tmp_path: Path) -> None:
     rows = rows_of(5)
     rows[3, COLUMN_PLACE["gate_angle_deg"]] = np.nan
     issues: list[str] = []

@@ -1,4 +1,4 @@
-"""What looks like a mistake in a measurement is told with what it is probably."""
+"""Likely mistakes in a measurement are reported with their probable cause."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def measured(**columns: Floats) -> Measurement:
     return Measurement("m.csv", TIMES, {"left_voltage_v": np.full(2000, 6.0), **columns}, False)
 
 
-def test_a_sound_measurement_has_no_faults() -> None:
+def test_a_correct_measurement_has_no_issues() -> None:
     noise = np.random.default_rng(0).normal(0.0, 1.0, 2000)
     count = np.floor(4.0 * POSITION + 0.5)
     m = measured(left_speed_rps=SPEED + noise, left_position_rev=POSITION, left_hall_count=count)
@@ -46,18 +46,18 @@ def test_a_sound_measurement_has_no_faults() -> None:
         (3.0, "left_speed_rps is 3 x the slope of left_position_rev; allowed: 0.8 to 1.25"),
     ],
 )
-def test_a_speed_in_another_unit_is_found(factor: float, said: str) -> None:
+def test_a_speed_in_a_wrong_unit_is_reported(factor: float, said: str) -> None:
     sparse = np.where(np.arange(2000) % 5 == 0, POSITION, np.nan)
     m = measured(left_speed_rps=factor * SPEED, left_position_rev=sparse)
     assert check(m) == [f"m.csv: {said}"]
 
 
-def test_a_speed_is_held_against_the_count_where_there_is_no_position() -> None:
+def test_a_speed_without_a_position_is_compared_with_the_count() -> None:
     m = measured(left_speed_rps=60.0 * SPEED, left_hall_count=np.floor(4.0 * POSITION))
     assert check(m, SUV) == ["m.csv: left_speed_rps is 60 x the slope of left_hall_count / 4: is it 1/min?"]
 
 
-def test_a_count_of_another_sensor_is_found() -> None:
+def test_a_count_with_another_sensors_resolution_is_reported() -> None:
     m = measured(left_position_rev=POSITION, left_hall_count=np.floor(6.0 * POSITION))
     assert check(m, SUV) == [
         "m.csv: left_hall_count is 6 x left_position_rev; allowed: 4, the vehicle's sensors.hall_counts"
@@ -65,12 +65,12 @@ def test_a_count_of_another_sensor_is_found() -> None:
     assert check(m) == []
 
 
-def test_at_rest_nothing_is_compared() -> None:
+def test_speed_and_position_are_not_compared_at_rest() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.01, 2000)
     assert check(measured(left_speed_rps=60.0 * noise, left_position_rev=noise), SUV) == []
 
 
-def test_milliamperes_and_millivolts_are_found() -> None:
+def test_milliamperes_and_millivolts_are_reported_as_wrong_units() -> None:
     m = measured(left_current_a=200.0 + TIMES, left_voltage_v=np.full(2000, 900.0))
     assert check(m, SUV) == [
         "m.csv: left_current_a: 201.999 in row 2000: is it mA? allowed: up to 170 A with this vehicle",
@@ -78,7 +78,7 @@ def test_milliamperes_and_millivolts_are_found() -> None:
     ]
 
 
-def test_too_few_rows_or_samples_are_faults() -> None:
+def test_too_few_rows_or_samples_are_refused() -> None:
     few = np.arange(19) * 0.1
     assert check(Measurement("m.csv", few, {"left_duty": few * 0.0}, False)) == [
         "m.csv: 19 rows; allowed: 20 or more"
@@ -87,7 +87,7 @@ def test_too_few_rows_or_samples_are_faults() -> None:
     assert check(measured(left_current_a=sparse)) == ["m.csv: left_current_a: 7 samples; allowed: 20 or more"]
 
 
-def test_what_conditioning_must_not_leave_is_a_fault() -> None:
+def test_disordered_times_and_missing_inputs_after_conditioning_are_refused() -> None:
     times = TIMES.copy()
     times[100] = times[99]
     volts = np.full(2000, 6.0)
@@ -102,7 +102,7 @@ def test_what_conditioning_must_not_leave_is_a_fault() -> None:
     ("rows", "is_dropped"),
     [([700, 701, 702, 703, 704], True), (range(700, 706), False), ([4], False), ([5], True), ([1995], False)],
 )
-def test_what_is_too_large_is_an_outlier_where_the_filter_drops_it_else_another_unit(
+def test_a_too_large_value_is_called_an_outlier_if_the_filter_drops_it_else_a_wrong_unit(
     rows: Sequence[int], is_dropped: bool
 ) -> None:
     values = 5.0 + np.random.default_rng(0).normal(0.0, 0.1, 2000)
@@ -115,7 +115,7 @@ def test_what_is_too_large_is_an_outlier_where_the_filter_drops_it_else_another_
     assert (check(kept, SUV) == []) == is_dropped
 
 
-def test_no_outlier_of_an_input_is_dropped() -> None:
+def test_outliers_of_inputs_are_not_dropped() -> None:
     volts = np.full(2000, 6.0)
     volts[700] = 900.0
     assert "drop_outliers" not in check(measured(left_voltage_v=volts), SUV)[0]

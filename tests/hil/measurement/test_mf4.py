@@ -1,4 +1,4 @@
-"""MF4 channels: rasters of their own, units of their own."""
+"""MF4 channels with different rasters and units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ asammdf = pytest.importorskip("asammdf")
 
 
 def write(path: Path, *groups: list[tuple[str, np.ndarray, np.ndarray, str]]) -> Path:
-    """Channels (name, times, samples, unit); a list of them is a group with one raster."""
+    """Write channels (name, times, samples, unit); a list of them is a group with one raster."""
     with asammdf.MDF(version="4.10") as measurement:
         for group in groups:
             signals = []
@@ -31,7 +31,7 @@ FINE = np.arange(100) * 0.001
 COARSE = np.arange(10) * 0.01
 
 
-def test_rasters_join_and_inputs_are_held(tmp_path: Path) -> None:
+def test_channels_of_different_rasters_are_joined_with_inputs_held(tmp_path: Path) -> None:
     path = write(
         tmp_path / "m.mf4",
         [("left_current_a", FINE, FINE * 2.0, "A")],
@@ -48,7 +48,7 @@ def test_rasters_join_and_inputs_are_held(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isfinite(angle)).tolist() == list(range(10, 100, 10))
 
 
-def test_it_begins_where_all_inputs_are_known(tmp_path: Path) -> None:
+def test_an_mf4_measurement_begins_when_all_inputs_are_known(tmp_path: Path) -> None:
     path = write(
         tmp_path / "m.mf4",
         [("left_current_a", FINE, FINE, "A")],
@@ -61,7 +61,7 @@ def test_it_begins_where_all_inputs_are_known(tmp_path: Path) -> None:
     assert m.notes == ("begins at 0.02 s, the first sample of all inputs",)
 
 
-def test_a_channels_own_unit_is_converted(tmp_path: Path) -> None:
+def test_the_unit_of_a_channel_is_converted(tmp_path: Path) -> None:
     path = write(
         tmp_path / "m.mf4",
         [
@@ -77,7 +77,7 @@ def test_a_channels_own_unit_is_converted(tmp_path: Path) -> None:
     assert np.allclose(m.columns["gate_angle_deg"], np.degrees(FINE), rtol=1e-12)
 
 
-def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
+def test_a_channel_unit_of_another_dimension_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "V"), ("left_voltage_v", FINE, FINE, "V")])
     assert faults_of(path) == [
         "left_current_a: unit 'V'; allowed: A, mA, µA, kA; or `maps` 'left_current_a=left_current_a[unit]'"
@@ -86,7 +86,7 @@ def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
     assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
 
 
-def test_whole_numbers_and_switches_are_numbers(tmp_path: Path) -> None:
+def test_integer_and_boolean_channels_are_read_as_numbers(tmp_path: Path) -> None:
     path = write(
         tmp_path / "m.mf4",
         [
@@ -99,7 +99,7 @@ def test_whole_numbers_and_switches_are_numbers(tmp_path: Path) -> None:
     assert np.array_equal(m.columns["left_hall_count"], np.arange(100.0))
 
 
-def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
+def test_a_sample_that_is_no_number_is_reported_with_its_index(tmp_path: Path) -> None:
     current, volts = FINE.copy(), FINE.copy()
     current[[4, 9]] = np.inf
     current[12] = np.nan  # no value
@@ -120,7 +120,7 @@ def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
     ]
 
 
-def test_a_channel_in_two_groups_and_times_of_ones_own_are_faults(tmp_path: Path) -> None:
+def test_a_channel_in_two_groups_or_a_mapped_time_is_refused(tmp_path: Path) -> None:
     group = [("left_current_a", FINE, FINE, "A"), ("left_voltage_v", FINE, FINE, "V")]
     path = write(tmp_path / "m.mf4", group, group[:1])
     assert "left_voltage_v, group 0.left_current_a, group 1.left_current_a" in faults_of(path)[0]
@@ -130,7 +130,7 @@ def test_a_channel_in_two_groups_and_times_of_ones_own_are_faults(tmp_path: Path
     )
 
 
-def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
+def test_times_that_do_not_increase_are_refused(tmp_path: Path) -> None:
     late = FINE.copy()
     late[50] = late[49]
     path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A")], [("left_voltage_v", late, FINE, "V")])
@@ -139,14 +139,14 @@ def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
     ]
 
 
-def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
+def test_channels_without_samples_are_refused(tmp_path: Path) -> None:
     none = np.zeros(0)
     path = write(tmp_path / "m.mf4", [("left_current_a", none, none, "A"), ("left_voltage_v", none, none, "V")])
     assert faults_of(path) == ["no sample of any input column", "no sample of any output column"]
 
 
 @pytest.mark.parametrize("ring", ["data groups", "channel groups"])
-def test_a_chain_of_blocks_that_bites_its_tail_is_reported(tmp_path: Path, ring: str) -> None:
+def test_a_circular_chain_of_blocks_is_reported(tmp_path: Path, ring: str) -> None:
     path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A")])
     data = bytearray(path.read_bytes())
     (group,) = struct.unpack_from("<Q", data, 64 + 24)

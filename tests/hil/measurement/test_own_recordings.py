@@ -1,4 +1,4 @@
-"""What the emulator and `simulate` write is a measurement as it is."""
+"""Recordings of the emulator and tables of `simulate` are read as measurements without a map."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
     return folder / "run.csv", folder / "bus.log"
 
 
-def test_a_recordings_inputs_hold_from_their_row_on(
+def test_the_inputs_of_a_recording_hold_from_their_row_on(
     tmp_path: Path, rig: Rig, fast_tick: Callable[..., Any]
 ) -> None:
     table, _ = run(rig, fast_tick, tmp_path)
@@ -68,7 +68,7 @@ def test_a_recordings_inputs_hold_from_their_row_on(
     assert np.array_equal(m.columns["left_current_a"], raw["left_current_a"])
 
 
-def test_a_bus_log_of_the_same_run_says_the_same(tmp_path: Path, rig: Rig, fast_tick: Callable[..., Any]) -> None:
+def test_table_and_bus_log_of_a_run_agree(tmp_path: Path, rig: Rig, fast_tick: Callable[..., Any]) -> None:
     table, log = run(rig, fast_tick, tmp_path)
     true, seen = read(table), read_measurement(log, {}, rig)
     assert seen.through_sensors
@@ -85,7 +85,7 @@ def test_a_bus_log_of_the_same_run_says_the_same(tmp_path: Path, rig: Rig, fast_
         assert np.allclose(seen.columns[name][same], true.columns[name][rows[same]], atol=1e-9)
 
 
-def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
+def test_the_output_of_simulate_is_a_measurement_without_a_map(tmp_path: Path) -> None:
     columns = {}
     for suffix in ("csv", "mf4", "mcap"):
         target = tmp_path / f"out.{suffix}"
@@ -105,7 +105,7 @@ def test_simulates_output_is_used_as_it_is(tmp_path: Path) -> None:
             assert np.array_equal(values, columns[suffix][name])
 
 
-def test_a_bus_that_is_not_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:
+def test_a_bus_name_missing_in_a_file_with_rows_is_refused(tmp_path: Path) -> None:
     """Options of reading apply to tables that are read as measurements, too."""
     path, rig = tmp_path / "run.mf4", rig_from("liftgate")
     lh.run("demo", duration=0.1, record=path)

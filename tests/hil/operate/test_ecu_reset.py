@@ -1,4 +1,4 @@
-"""The program that starts an ECU anew, and one that nobody here may end: it runs as somebody else."""
+"""Reset command of an ECU that cannot be ended, as it runs as another user."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SLEEPS = (sys.executable, "-ISBc", "import time; time.sleep(600)")
 
 @pytest.fixture
 def beyond_reach(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """The programs that were to be ended."""
+    """List of the programs that a kill was attempted on."""
     spared: list[subprocess.Popen[bytes]] = []
     monkeypatch.setattr(ecu_reset, "_kill", spared.append)
     monkeypatch.setattr(ecu_reset, "_KILL_S", 0.05)
@@ -24,7 +24,7 @@ def beyond_reach(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes
 
 
 @pytest.mark.parametrize("timeout", [0.05, 600.0])
-def test_a_program_that_cannot_be_ended_holds_up_nobody(
+def test_a_reset_program_that_cannot_be_killed_does_not_block_the_run(
     beyond_reach: list[subprocess.Popen[bytes]], timeout: float
 ) -> None:
     program = ecu_reset.Program(Reset(command=SLEEPS, timeout=timeout))

@@ -1,4 +1,4 @@
-"""A recording that is started and stopped while a run goes on: with its own process and real files."""
+"""Recordings started and stopped during a run, with a real recorder process and real files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def until(recording: FurtherRecording, phase: str | None) -> None:
 
 
 class Heard(Listener):
-    """Notes what a run says, and which of it are alarms."""
+    """Keeps the messages of a run, and which of them are alarms."""
 
     def __init__(self) -> None:
         self.said: list[str] = []
@@ -70,7 +70,7 @@ class Heard(Listener):
 
 
 class Bench:
-    """A further recording, with what it says and the marks that it gives to the run's own recordings."""
+    """A further recording, with its messages and the marks that it gives to the run's own recordings."""
 
     def __init__(self, memory: Memory, folder: Path, *record: str) -> None:
         self.heard = Heard()
@@ -92,7 +92,7 @@ def bench(memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
     found.recording.close()
 
 
-def test_it_holds_what_came_between_start_and_stop_and_the_marks(
+def test_a_further_recording_holds_the_rows_between_start_and_stop_and_the_marks(
     bench: Bench, memory: Memory, tmp_path: Path
 ) -> None:
     from asammdf import MDF
@@ -126,7 +126,7 @@ def test_it_holds_what_came_between_start_and_stop_and_the_marks(
     assert len(table_in(tmp_path / "next.csv")["time_s"]) == 2
 
 
-def test_it_ends_where_it_was_stopped_even_before_it_was_ready(
+def test_a_further_recording_ends_where_it_was_stopped_even_before_its_process_was_ready(
     bench: Bench, memory: Memory, tmp_path: Path
 ) -> None:
     """Rows that come while its process starts, or completes the file, do not belong to it."""
@@ -165,7 +165,7 @@ def test_a_spare_recorder_ends_with_its_run(bench: Bench, tmp_path: Path) -> Non
     assert bench.recording._spare is None
 
 
-def test_rows_that_were_lost_are_told(bench: Bench, memory: Memory, tmp_path: Path) -> None:
+def test_lost_rows_of_a_further_recording_are_reported(bench: Bench, memory: Memory, tmp_path: Path) -> None:
     """As its process starts, more rows come than the rings hold."""
     bench.recording.start("x.csv")
     put(memory, 0, 5000)
@@ -178,20 +178,20 @@ def test_rows_that_were_lost_are_told(bench: Bench, memory: Memory, tmp_path: Pa
     "name",
     ["", ".", "..", "../x.csv", "/tmp/x.csv", "a/b.csv", "x", "x.txt", "x.csv\n", ".x.csv", "a\\b.csv", 7, None],
 )
-def test_what_is_no_new_file_of_the_folder_is_refused(bench: Bench, name: object) -> None:
+def test_a_recording_name_that_is_no_new_file_of_the_folder_is_refused(bench: Bench, name: object) -> None:
     with pytest.raises(ConfigError, match="allowed: "):
         bench.recording.start(name)
     assert bench.recording.in_force() is None
 
 
-def test_no_file_is_replaced(bench: Bench, tmp_path: Path) -> None:
+def test_a_further_recording_replaces_no_file(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text("mine")
     with pytest.raises(ConfigError, match=r"x\.csv already exists: choose another name"):
         bench.recording.start("x.csv")
     assert (tmp_path / "x.csv").read_text() == "mine"
 
 
-def test_one_is_open_at_a_time_and_none_is_stopped_twice(bench: Bench) -> None:
+def test_one_recording_is_open_at_a_time_and_cannot_be_stopped_twice(bench: Bench) -> None:
     with pytest.raises(ConfigError, match="no recording is open"):
         bench.recording.stop()
     bench.recording.start("x.csv")
@@ -204,12 +204,12 @@ def test_one_is_open_at_a_time_and_none_is_stopped_twice(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "x" * 201, "two\nlines", None, 3])
-def test_a_mark_is_a_line(bench: Bench, text: object) -> None:
+def test_a_mark_is_1_to_200_printable_characters(bench: Bench, text: object) -> None:
     with pytest.raises(ConfigError, match="1 to 200 printable characters"):
         bench.recording.mark(1.0, text)
 
 
-def test_a_mark_needs_a_recording_that_holds_it(bench: Bench) -> None:
+def test_a_mark_needs_an_open_recording_that_can_hold_it(bench: Bench) -> None:
     with pytest.raises(ConfigError, match=r"no recording is open that holds marks; allowed: in \.mf4"):
         bench.recording.mark(1.0, "x")
     bench.recording.start("x.csv")
@@ -218,7 +218,9 @@ def test_a_mark_needs_a_recording_that_holds_it(bench: Bench) -> None:
         bench.recording.mark(1.0, "x")
 
 
-def test_the_runs_own_recordings_get_it_too_and_name_the_folder(memory: Memory, tmp_path: Path) -> None:
+def test_marks_go_to_the_runs_own_recording_and_further_files_to_its_folder(
+    memory: Memory, tmp_path: Path
+) -> None:
     (tmp_path / "own").mkdir()
     bench = Bench(memory, tmp_path / "own", "run.mf4")
     bench.recording.mark(1.0, "x")
@@ -230,7 +232,7 @@ def test_the_runs_own_recordings_get_it_too_and_name_the_folder(memory: Memory, 
     assert bench.recording.in_force() is None
 
 
-def test_a_file_that_cannot_be_opened_is_reported_and_ends_that_recording_only(
+def test_a_further_recording_that_cannot_be_opened_is_reported_and_the_run_goes_on(
     bench: Bench, memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.recorder_process._READY_S", 0.0)
@@ -248,8 +250,8 @@ def process_of(bench: Bench) -> int:
     return bench.recording._process._process.pid
 
 
-def test_a_recorder_that_stands_still_holds_no_command_up(bench: Bench) -> None:
-    """Its pipe takes no more marks at some time; then they are refused, and nobody waits."""
+def test_a_stalled_recorder_does_not_block_commands(bench: Bench) -> None:
+    """Once the recorder's pipe is full, marks are refused without waiting."""
     bench.recording.start("x.mf4")
     until(bench.recording, RECORDING)
     os.kill(process_of(bench), signal.SIGSTOP)
@@ -260,9 +262,7 @@ def test_a_recorder_that_stands_still_holds_no_command_up(bench: Bench) -> None:
         os.kill(process_of(bench), signal.SIGCONT)
 
 
-def test_rows_that_a_recorder_had_no_time_for_are_reported_even_where_none_is_left(
-    bench: Bench, memory: Memory
-) -> None:
+def test_rows_lost_by_a_slow_recorder_are_reported_even_if_no_row_is_left(bench: Bench, memory: Memory) -> None:
     """The machine stands still, and the loop catches up by more rows than the rings hold."""
     bench.recording.start("x.csv")
     until(bench.recording, RECORDING)
@@ -276,7 +276,7 @@ def test_rows_that_a_recorder_had_no_time_for_are_reported_even_where_none_is_le
     assert bench.said[-1].endswith("x.csv, without rows; 10 rows and frames lost")
 
 
-def test_a_recorder_that_is_killed_is_no_longer_in_force(bench: Bench) -> None:
+def test_a_further_recording_ends_when_its_recorder_is_killed(bench: Bench) -> None:
     bench.recording.start("x.mf4")
     until(bench.recording, RECORDING)
     os.kill(process_of(bench), signal.SIGKILL)
@@ -301,7 +301,7 @@ def test_a_name_too_long_or_a_link_to_elsewhere_is_refused(
         bench.recording.start(name)
 
 
-def test_a_disk_that_is_full_ends_it_and_is_reported_once(
+def test_a_full_disk_ends_a_further_recording_and_is_reported_once(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = f"`record` {tmp_path / 'x.csv'}: recording ended: No space left on device"
@@ -332,7 +332,7 @@ def test_a_disk_that_is_full_ends_it_and_is_reported_once(
     assert bench.said == ["record x.csv: recording ended: No space left on device"]
 
 
-def test_one_that_is_stopped_before_a_row_came_can_be_read(bench: Bench, tmp_path: Path) -> None:
+def test_a_recording_stopped_before_its_first_row_can_be_read(bench: Bench, tmp_path: Path) -> None:
     for suffix in (".mcap", ".mf4", ".csv"):
         bench.recording.start(f"none{suffix}")
         until(bench.recording, RECORDING)
@@ -341,7 +341,7 @@ def test_one_that_is_stopped_before_a_row_came_can_be_read(bench: Bench, tmp_pat
         assert holds_nothing(tmp_path / f"none{suffix}")
 
 
-def test_a_note_that_is_too_long_for_a_mark_is_cut_off(memory: Memory, tmp_path: Path) -> None:
+def test_a_note_too_long_for_a_mark_is_truncated(memory: Memory, tmp_path: Path) -> None:
     bench = Bench(memory, tmp_path, "run.mf4")
     assert bench.recording.note(1.0, "é" * 5000)
     assert bench.marks == [(1.0, "é" * 199 + "…")]

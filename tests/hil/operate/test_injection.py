@@ -1,4 +1,4 @@
-"""A test bench's BenchInject: faults, requests and signals by frames on the bus, in every loop."""
+"""Faults, requests and signals by BenchInject frames of a test bench, in every loop."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def fault(kind: str, place: str = "none", value: float = 0.0, on: int = 1, way: 
 
 
 def ordered(kind: str) -> tuple[can.Message, dict[str, Any]]:
-    """A kind's order, and the same as a scenario and a program say it."""
+    """A kind of fault as a BenchInject order, as a scenario's table and as a call."""
     own, values = FAULT_KINDS[kind], dict(VALUES.get(kind, {}))
     number = next((each for key, each in values.items() if key not in ("key", "state")), 0.0)
     if kind == "bridge_stuck":
@@ -71,7 +71,7 @@ def ordered(kind: str) -> tuple[can.Message, dict[str, Any]]:
 
 
 class Bench:
-    """An ECU that opens, on a bus with a test bench: it sends orders at its times."""
+    """An ECU that opens, on a bus with a test bench that sends orders at its times."""
 
     period_s = 0.01
 
@@ -89,7 +89,7 @@ class Bench:
 def ran(
     folder: Path, orders: Mapping[float, Sequence[can.Message]], text: str = "", duration: float = 1.0
 ) -> tuple[Any, Any]:
-    """The rows and the frames that the gate sent, of a run with those orders and that scenario."""
+    """Rows and sent frames of a run with these orders and this scenario."""
     path, log = folder / "s.toml", folder / "s.log"
     path.write_text(f"duration = {duration}\ninitial = 30\nseed = 5\n{text}", encoding="utf-8")
     result = lh.run(path, Bench(orders), "lockstep", record=log, trace=True)
@@ -101,7 +101,7 @@ _PLAIN: list[Any] = []
 
 
 def plainly(folder: Path) -> Any:
-    """A run without orders and faults, the same for all who ask for it."""
+    """A run without orders and faults, shared by all tests."""
     if not _PLAIN:
         _PLAIN.append(ran(folder, {}, duration=0.5))
     return _PLAIN[0]
@@ -112,7 +112,7 @@ def toml(values: Mapping[str, Any]) -> str:
 
 
 @pytest.mark.parametrize("kind", FAULT_KINDS)
-def test_a_fault_by_a_frame_is_that_of_a_scenario_from_the_next_tick_on_and_ends(
+def test_an_injected_fault_acts_like_that_of_a_scenario_from_the_next_tick_until_cleared(
     tmp_path: Path, kind: str
 ) -> None:
     order, values = ordered(kind)
@@ -131,7 +131,7 @@ def test_a_fault_by_a_frame_is_that_of_a_scenario_from_the_next_tick_on_and_ends
     assert is_seen or wanted != untouched or kind == "latch_not_releasing"
 
 
-def test_another_value_replaces_the_first_and_others_stay(tmp_path: Path) -> None:
+def test_injecting_another_value_replaces_the_first_and_keeps_other_faults(tmp_path: Path) -> None:
     orders = {
         0.2: [fault("spring_weak", "left", 0.5), fault("current_offset", "right", 2.0)],
         0.4: [fault("spring_weak", "left", 0.25)],
@@ -155,7 +155,7 @@ def test_another_value_replaces_the_first_and_others_stay(tmp_path: Path) -> Non
     ]
 
 
-def test_faults_of_the_scenario_stay_as_they_are(tmp_path: Path) -> None:
+def test_injected_faults_leave_those_of_the_scenario_unchanged(tmp_path: Path) -> None:
     text = (
         '[[fault]]\nkind = "friction"\nwhere = "both"\nfactor = 2.0\nstart = "gate_angle_deg > 30.5"\n'
         '[[fault]]\nkind = "hall_missing"\nwhere = "left"\nprobability = 0.5\nstart = 0.3\n'
@@ -168,7 +168,7 @@ def test_faults_of_the_scenario_stay_as_they_are(tmp_path: Path) -> None:
             np.testing.assert_array_equal(theirs.trace[name], column, err_msg=name)
 
 
-def test_what_is_wrong_is_reported_counted_and_changes_nothing(tmp_path: Path) -> None:
+def test_an_invalid_order_is_reported_and_counted_without_effect(tmp_path: Path) -> None:
     wrong = {
         fault("hall_a_stuck", "gate.mass"): "'gate.mass'; allowed: one of left, right, both",
         fault("hall_missing", "left", 7.0): "probability: 7.0 is out of range; allowed: 0 to 1",
@@ -230,7 +230,7 @@ def test_what_is_wrong_is_reported_counted_and_changes_nothing(tmp_path: Path) -
         max_size=12,
     )
 )
-def test_ordered_faults_act_as_if_planned_in_the_order_of_their_orders(orders: list[Any]) -> None:
+def test_injected_faults_act_like_planned_ones_in_order_of_injection(orders: list[Any]) -> None:
     """The slots of a running plan have the same constants in force as a plan made with these faults."""
     setup = setup_of(None)
     stimuli = planned_stimuli(setup, RIG, opening=opening_of(RIG, has_operator=False))
@@ -251,8 +251,8 @@ def test_ordered_faults_act_as_if_planned_in_the_order_of_their_orders(orders: l
         np.testing.assert_array_equal(stimuli.faults.row, planned.faults.row)
 
 
-def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) -> None:
-    """What freezes holds what others got last; what is ordered later acts on that, in whichever slot it lies."""
+def test_several_faults_of_one_message_act_in_order_of_injection(tmp_path: Path) -> None:
+    """A freeze holds the frame last sent; faults ordered later act on that frame, in any slot."""
     checksum, frozen = fault("wrong_checksum", "LeftDrive"), fault("frame_frozen", "LeftDrive")
     orders = {0.2: [checksum], 0.3: [frozen], 0.4: [fault("wrong_checksum", "LeftDrive", on=0)], 0.5: [checksum]}
     _, lines = ran(tmp_path, orders, duration=0.6)
@@ -263,7 +263,7 @@ def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) 
     ]
 
     def right(begin: float, end: float) -> set[bool]:
-        """Whether checksums are, between two times."""
+        """Whether all checksums between two times are correct."""
         own = [data for time, data in frames if begin + 0.011 < time < end]
         assert len(own) > 15
         return {data[7] == j1850(0x210, data, 7) for data in own}
@@ -277,7 +277,7 @@ def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) 
     assert {data[:7] for time, data in frames if 0.312 < time < 0.6} == {last[:7]}
 
 
-def test_the_same_order_again_changes_nothing_and_another_value_ends_it_too(tmp_path: Path) -> None:
+def test_repeating_an_order_has_no_effect_and_any_value_clears_a_fault(tmp_path: Path) -> None:
     order = fault("frame_frozen", "Gate")
     once, said = ran(tmp_path, {0.2: [order], 0.7: [fault("frame_frozen", "Gate", 5.0, on=0)]})
     again, heard = ran(
@@ -288,7 +288,7 @@ def test_the_same_order_again_changes_nothing_and_another_value_ends_it_too(tmp_
     assert len(again.summary.injected) == 2
 
 
-def test_several_may_babble_and_each_is_ended_alone(tmp_path: Path) -> None:
+def test_several_babbling_faults_are_active_at_once_and_cleared_separately(tmp_path: Path) -> None:
     def babble(identifier: int, on: int) -> can.Message:
         said = {"BabblingId": identifier, "BabblingRate": 100, "BabblingFrames": "sent"}
         return frame("babbling", BabblingOn=on, **said)
@@ -302,7 +302,7 @@ def test_several_may_babble_and_each_is_ended_alone(tmp_path: Path) -> None:
     assert ends["066#"] > 0.98
 
 
-def test_faults_on_the_restbus_of_the_scenario_do_not_keep_orders_from_being_obeyed(tmp_path: Path) -> None:
+def test_faults_on_the_restbus_do_not_keep_injected_orders_from_acting(tmp_path: Path) -> None:
     rig = tmp_path / "their.toml"
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     head, _, rest = text.partition("[inject.babbling]")
@@ -317,7 +317,7 @@ def test_faults_on_the_restbus_of_the_scenario_do_not_keep_orders_from_being_obe
     assert [each.partition(": ")[2] for each in result.summary.injected] == ["motor_open left begins"]
 
 
-def test_a_released_button_does_not_undo_what_was_ordered_meanwhile() -> None:
+def test_releasing_a_button_does_not_undo_a_signal_ordered_meanwhile() -> None:
     with lh.Gate(initial=30) as gate:
         gate.send(frame("request", Request="close"))
         gate.step(0.1)
@@ -326,7 +326,7 @@ def test_a_released_button_does_not_undo_what_was_ordered_meanwhile() -> None:
     assert {each.data[0] & 3 for each in sent[1:]} == {1}
 
 
-def test_there_is_room_for_32_faults_at_a_time(tmp_path: Path) -> None:
+def test_up_to_32_faults_can_be_injected_at_a_time(tmp_path: Path) -> None:
     places = [each for each in RIG.messages if each in {wire.message for wire in RIG.outputs}]
     kinds = ("frame_lost", "frame_repeated", "frame_corrupted", "wrong_length", "frame_frozen")
     labels = {str(each) for each in MESSAGE_OF_IT.get_signal_by_name("FaultPlace").choices.values()}
@@ -336,7 +336,7 @@ def test_there_is_room_for_32_faults_at_a_time(tmp_path: Path) -> None:
     assert result.summary.injections_refused == 8
 
 
-def test_a_request_presses_the_rig_s_button_and_lets_it_go() -> None:
+def test_an_injected_request_presses_and_releases_the_rigs_button() -> None:
     with lh.Gate(initial=30) as gate:
         gate.send(frame("request", Request="close"))  # read in the first tick
         sent = [each for each in gate.step(0.5) if each.arbitration_id == BUTTON]
@@ -347,7 +347,7 @@ def test_a_request_presses_the_rig_s_button_and_lets_it_go() -> None:
     assert [each.data[1] & 15 for each in sent] == [n % 16 for n in range(len(sent))]
 
 
-def test_a_signal_is_sent_from_its_first_value_on(tmp_path: Path) -> None:
+def test_an_injected_signal_is_sent_from_its_first_value_on(tmp_path: Path) -> None:
     order = frame("signal", SignalName="Body.VehicleSpeed", SignalValue=12.5)
     _, lines = ran(tmp_path, {0.25: [order], 0.55: [frame("signal", SignalName="Body.Gear", SignalValue=3)]})
     own = [bytes.fromhex(data.partition("#")[2]) for _, data in lines if data.startswith("140#")]
@@ -357,14 +357,14 @@ def test_a_signal_is_sent_from_its_first_value_on(tmp_path: Path) -> None:
     assert [each["AliveCounter"] for each in said] == list(range(8))
 
 
-def test_who_is_off_the_bus_can_be_brought_back(tmp_path: Path) -> None:
+def test_clearing_an_injected_bus_off_restores_the_gates_frames(tmp_path: Path) -> None:
     _, lines = ran(tmp_path, {0.2: [fault("bus_off")], 0.4: [fault("bus_off", on=0)]})
     times = np.array([float(time.strip("()")) for time, data in lines if data.startswith("210#")])
     assert not np.any((times > 0.202) & (times < 0.4))
     assert np.sum(times > 0.4) == 121  # with the last one, of the motors off
 
 
-def test_labels_of_the_database_are_all_kinds_and_places_that_there_are() -> None:
+def test_the_labels_in_the_database_cover_all_kinds_and_places_of_faults() -> None:
     kinds = {str(each) for each in MESSAGE_OF_IT.get_signal_by_name("FaultKind").choices.values()}
     assert kinds == {"none", *FAULT_KINDS} - {"babbling"}
     places = {str(each) for each in MESSAGE_OF_IT.get_signal_by_name("FaultPlace").choices.values()}
@@ -378,7 +378,7 @@ def test_labels_of_the_database_are_all_kinds_and_places_that_there_are() -> Non
 
 
 def find(gate: lh.Gate, key: str) -> float:
-    """What the vehicle has there."""
+    """Return 1.01 times the vehicle's value of this parameter."""
     from liftgate_hil.config.parameters import find_parameter, value_of
 
     return value_of(gate._vehicle, find_parameter(gate._vehicle, key)) * 1.01
@@ -400,7 +400,7 @@ def find(gate: lh.Gate, key: str) -> float:
         ('"BenchInject.FaultKind"', '"BenchInject.FaultPlace"', "kind: FaultPlace: left, right, both"),
     ],
 )  # fmt: skip
-def test_mistakes_in_the_section_are_reported(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_mistakes_in_the_injection_section_are_reported(tmp_path: Path, old: str, new: str, said: str) -> None:
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert old in text
     path = tmp_path / "their.toml"
@@ -413,7 +413,7 @@ def test_mistakes_in_the_section_are_reported(tmp_path: Path, old: str, new: str
     assert said in "\n".join(issues.lines)
 
 
-def test_a_rig_without_the_section_takes_no_orders(tmp_path: Path) -> None:
+def test_a_rig_without_an_injection_section_ignores_orders(tmp_path: Path) -> None:
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     head, _, rest = text.partition("[inject.fault]")
     path = tmp_path / "their.toml"
@@ -427,7 +427,7 @@ def test_a_rig_without_the_section_takes_no_orders(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_in_real_time_orders_are_obeyed_in_their_order(tmp_path: Path) -> None:
+def test_in_real_time_orders_take_effect_in_order_of_arrival(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text("duration = 1.5\ninitial = 30\n", encoding="utf-8")
     orders = {

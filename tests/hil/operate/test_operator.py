@@ -1,4 +1,4 @@
-"""What an operator commands while a run goes on, through a socket, in lockstep: each is that of a scenario."""
+"""Commands of an operator during a lockstep run, through a socket, act like those of a scenario."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Attached:
-    """An ECU that opens the gate; somebody is attached who commands at its times."""
+    """An ECU that opens the gate, and a client attached to the run that sends commands at its times."""
 
     period_s = 0.01
 
@@ -116,7 +116,7 @@ ROD = {"angle_deg": 32.0, "stiffness": 20_000, "meets": "opening"}
          '[[signal]]\nsignal = "Body.VehicleSpeed"\nvalue = 3\ntime = 0.401\n'),
     ],
 )  # fmt: skip
-def test_a_command_is_that_of_a_scenario_from_the_next_tick_on_until_it_is_cleared(
+def test_an_operators_command_acts_like_a_scenarios_from_the_next_tick_until_cleared(
     tmp_path: Path, command: Any, clear: Any, text: str
 ) -> None:
     base = '[[profile]]\nquantity = "supply_voltage_v"\npoints = [[0.0, 12.0]]\n'
@@ -137,7 +137,7 @@ def test_a_command_is_that_of_a_scenario_from_the_next_tick_on_until_it_is_clear
 
 
 def bodies(said: list[list[str]]) -> list[tuple[float, float]]:
-    """(time [s], vehicle speed) of what the restbus sends."""
+    """(time [s], vehicle speed) of the restbus frames."""
     message = RIG.messages["Body"]
     return [
         (float(line[0][1:-1]), float(message.decode(bytes.fromhex(line[1].split("#")[1]))["VehicleSpeed"]))
@@ -152,7 +152,7 @@ def injecting(what: str, **signals: Any) -> can.Message:
 
 
 class WithBench(Attached):
-    """A test bench is on the bus, too."""
+    """A test bench on the same bus."""
 
     def __init__(self, commands: Mapping[float, Sequence[object]], orders: Mapping[float, can.Message]) -> None:
         super().__init__(commands)
@@ -164,7 +164,7 @@ class WithBench(Attached):
         return sent if order is None else [*sent, order]
 
 
-def test_signals_of_the_operator_lie_over_the_benchs_which_lie_over_the_scenarios(tmp_path: Path) -> None:
+def test_operator_signals_override_the_benchs_and_these_the_scenarios(tmp_path: Path) -> None:
     def speed(value: float) -> can.Message:
         return injecting("signal", SignalName="Body.VehicleSpeed", SignalValue=value)
 
@@ -181,7 +181,7 @@ def test_signals_of_the_operator_lie_over_the_benchs_which_lie_over_the_scenario
     assert [at(time) for time in (0.15, 0.25, 0.45, 0.75, 0.95)] == [5, 10, 20, 20, 11]
 
 
-def test_faults_of_the_operator_lie_over_the_benchs_whoever_came_last(tmp_path: Path) -> None:
+def test_operator_faults_override_the_benchs_in_any_order(tmp_path: Path) -> None:
     weak = {"kind": "current_gain", "where": "left", "factor": 3.0}
     frozen = injecting("fault", FaultOn=1, FaultKind="current_frozen", FaultPlace="left",
                        FaultValue=0, FaultFrames=0)  # fmt: skip
@@ -194,7 +194,7 @@ def test_faults_of_the_operator_lie_over_the_benchs_whoever_came_last(tmp_path: 
     assert not result.trace["sensed_latched"][150:].any()
 
 
-def test_it_lies_over_profile_and_gives_it_back(tmp_path: Path) -> None:
+def test_an_operators_value_overrides_a_profile_until_cleared(tmp_path: Path) -> None:
     profile = '[[profile]]\nquantity = "road_slope_deg"\npoints = [[0.0, 4.0]]\n'
     commands = {0.2: [{"set": {"road_slope_deg": -8}}], 0.4: [{"set": {"road_slope_deg": None}}]}
     result, _, _ = ran(tmp_path, commands, profile)
@@ -206,7 +206,7 @@ def test_it_lies_over_profile_and_gives_it_back(tmp_path: Path) -> None:
     assert_same(result, ours)
 
 
-def test_in_force_is_reported_until_it_is_cleared(tmp_path: Path) -> None:
+def test_operator_commands_are_listed_as_in_force_until_cleared(tmp_path: Path) -> None:
     commands = {
         0.1: [{"fault": FAULT}, {"set": {"road_slope_deg": 5}}, {"obstacle": ROD}],
         0.2: [{"fault": {**FAULT, "factor": 0.25}}, {"signal": {"Body.Ignition": "on"}}],
@@ -226,14 +226,14 @@ def test_in_force_is_reported_until_it_is_cleared(tmp_path: Path) -> None:
     assert ecu.news["in_force"] == {"obstacle": None, "set": {}, "faults": [], "signals": {}, "record": None}
 
 
-def test_a_fault_of_a_message_is_the_same_by_its_name_and_by_a_quantity_in_it(tmp_path: Path) -> None:
+def test_a_message_fault_can_name_the_message_or_a_quantity_in_it(tmp_path: Path) -> None:
     lost = {"kind": "frame_lost", "direction": "sent"}
     by_quantity, by_name = {**lost, "where": "left_current"}, {**lost, "where": "LeftDrive", "probability": 0.1}
     _, ecu, _ = ran(tmp_path, {0.1: [{"fault": by_quantity}], 0.2: [{"fault": by_name}]})
     assert ecu.news["in_force"]["faults"] == [by_name]
 
 
-def test_a_request_presses_the_rigs_button_for_as_long_as_the_rig_says(tmp_path: Path) -> None:
+def test_an_operators_request_presses_the_rigs_button_for_the_rigs_duration(tmp_path: Path) -> None:
     _, ecu, said = ran(tmp_path, {0.1: [{"request": "close"}]})
     message, name = RIG.driver.buttons["close"].signal.split(".")
     signal = RIG.messages[message]
@@ -251,7 +251,7 @@ def test_a_request_presses_the_rigs_button_for_as_long_as_the_rig_says(tmp_path:
     assert ecu.answers[0]["done"] == "request close"
 
 
-def test_an_ecu_in_this_process_is_asked_as_a_scenario_asks_it(tmp_path: Path) -> None:
+def test_an_operators_request_reaches_an_ecu_in_this_process_like_a_scenarios(tmp_path: Path) -> None:
     class Asked(Attached):
         def __init__(self) -> None:
             super().__init__({0.1: [{"request": "close"}], 0.3: [{"request": "reset"}]})
@@ -313,7 +313,7 @@ WRONG = [
 ]  # fmt: skip
 
 
-def test_what_is_wrong_is_refused_with_what_is_allowed_and_changes_nothing(tmp_path: Path) -> None:
+def test_an_invalid_command_is_refused_with_the_allowed_values_and_without_effect(tmp_path: Path) -> None:
     wrong = [each for each, _ in WRONG]
     commands = {0.1: wrong[:13], 0.2: wrong[13:26], 0.3: wrong[26:]}
     theirs, ecu, said = ran(tmp_path, commands, duration=0.4)
@@ -327,7 +327,7 @@ def test_what_is_wrong_is_refused_with_what_is_allowed_and_changes_nothing(tmp_p
     assert theirs.summary.commands == 0
 
 
-def test_no_more_signals_are_set_than_can_be_cleared_at_once(
+def test_the_number_of_set_signals_is_limited_to_what_one_command_can_clear(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(operator, "MOST_SIGNALS", 1)
@@ -338,7 +338,7 @@ def test_no_more_signals_are_set_than_can_be_cleared_at_once(
     assert "2 signals; allowed: up to 1 at a time" in " | ".join(ecu.answers[0])
 
 
-def test_faults_of_test_bench_and_operator_hold_side_by_side(tmp_path: Path) -> None:
+def test_faults_of_test_bench_and_operator_are_active_side_by_side(tmp_path: Path) -> None:
     inject = RIG.messages["BenchInject"]
     data = inject.encode(
         {"Order": "fault", "FaultOn": 1, "FaultKind": "spring_weak", "FaultPlace": "left",
@@ -367,7 +367,7 @@ def test_faults_of_test_bench_and_operator_hold_side_by_side(tmp_path: Path) -> 
     assert_same(theirs, ours)
 
 
-def test_a_series_of_settings_is_listed_as_its_last_one(tmp_path: Path) -> None:
+def test_a_quick_series_of_settings_is_logged_as_its_last_one(tmp_path: Path) -> None:
     """A slider sends ten a second; another quantity, or a pause, begins another series."""
     commands: dict[float, list[object]] = {0.1 + 0.05 * k: [{"set": {"hand_force_n": 10 * k}}] for k in range(6)}
     commands[0.45] = [{"set": {"road_slope_deg": 2}}]
@@ -381,7 +381,7 @@ def test_a_series_of_settings_is_listed_as_its_last_one(tmp_path: Path) -> None:
 
 
 class Notes:
-    """A recording that only keeps its marks, in place of one that is written."""
+    """A recording that only keeps its marks."""
 
     def __init__(self) -> None:
         self.marks: list[tuple[float, str]] = []
@@ -392,7 +392,7 @@ class Notes:
     mark = note
 
 
-def test_marks_are_in_the_order_of_their_times_and_the_end_of_the_run_ends_a_series() -> None:
+def test_marks_are_in_order_of_time_and_the_end_of_a_run_ends_a_series_of_settings() -> None:
     class Nobody:
         def hold(self, held: object) -> None:
             pass

@@ -1,4 +1,4 @@
-"""A reset over UDS: the ECUReset that a rig's [reset] asks an ECU on a bus for, before a scenario and in it."""
+"""ECUReset over UDS: requested by a rig's [reset] of an ECU on a bus, before and during a scenario."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ Run = Callable[..., tuple[Ecu, Any]]
 
 @pytest.fixture
 def on_bus(tmp_path: Path) -> Iterator[Run]:
-    """Runs a scenario with such an ECU and such a rig."""
+    """Return a function that runs a scenario with this ECU and a rig."""
     ecus = []
 
     def run(
@@ -113,7 +113,7 @@ def scenario(folder: Path, text: str, duration: float = 0.5) -> Path:
 
 
 def rig_with(folder: Path, text: str, without: str = "") -> Rig:
-    """Ours, and this; without what begins with that."""
+    """The shipped rig with text added, and without the table that begins with `without`."""
     ours = shipped_rig()
     whole = Path(ours.source).read_text(encoding="utf-8")
     whole = whole.replace('"liftgate.dbc"', f'"{ours.database}"')
@@ -131,7 +131,7 @@ def reason_of(result: Any) -> str:
     return str(told.reason)
 
 
-def test_an_ecu_reset_goes_before_a_scenario(on_bus: Run) -> None:
+def test_an_ecu_reset_is_requested_before_a_scenario(on_bus: Run) -> None:
     ecu, result = on_bus(EXPECT, UDS, [(0, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]
@@ -140,27 +140,27 @@ def test_an_ecu_reset_goes_before_a_scenario(on_bus: Run) -> None:
 
 
 @pytest.mark.parametrize(("kind", "asked"), [("keyOffOnReset", "1102"), ("softReset", "1103")])
-def test_the_other_kinds_of_ecu_resets_are_asked_for_by_their_names(on_bus: Run, kind: str, asked: str) -> None:
+def test_each_kind_of_ecu_reset_is_requested_by_its_name(on_bus: Run, kind: str, asked: str) -> None:
     ecu, result = on_bus(EXPECT, f'[reset]\nuds = "{kind}"\n', [(0, f"51{asked[2:]}")])
     assert result.verdict == "pass", result
     assert ecu.requests == [asked]
 
 
 def test_response_pending_is_waited_for(on_bus: Run) -> None:
-    """For longer than for an answer otherwise: 3 s."""
+    """For 3 s, longer than for another response."""
     ecu, result = on_bus(EXPECT, UDS, [(0, "7f1178"), (300, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]
 
 
-def test_a_busy_ecu_is_asked_again_after_a_cycle(on_bus: Run) -> None:
+def test_a_busy_ecu_gets_the_request_again_after_a_cycle(on_bus: Run) -> None:
     ecu, result = on_bus(EXPECT, UDS, [(0, "7f1121")], [(0, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD, HARD]
     assert ecu.cycles[1] - ecu.cycles[0] == pytest.approx(10, abs=1)  # cycle_ms = 100
 
 
-def test_an_ecu_reset_that_is_refused_makes_the_scenario_inconclusive(on_bus: Run) -> None:
+def test_a_refused_ecu_reset_makes_the_scenario_inconclusive(on_bus: Run) -> None:
     ecu, result = on_bus(EXPECT, UDS, [(0, "7f1122")])
     said = "reset.uds: ECUReset hardReset refused: ConditionsNotCorrect (0x22)"
     assert said in reason_of(result)
@@ -185,15 +185,15 @@ def test_an_ecu_that_does_not_answer_makes_the_scenario_inconclusive(
     assert ecu.requests == [HARD] * requests
 
 
-def test_signal_ecu_reset_command_and_condition_follow_each_other(tmp_path: Path) -> None:
+def test_signal_ecureset_command_and_condition_of_a_reset_follow_in_this_order(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, f'{SIGNAL}uds = "hardReset"\ncommand = ["x"]\nready = "time_s > 1"\n')
     setup = setup_of(scenario(tmp_path, EXPECT))
     names = [each.end.what for each in phases_of(setup, rig, 0.001)]
     assert names == ["reset", "reset.uds", "reset.command", "reset.ready"]
 
 
-def test_an_ecu_gets_time_to_go_down_after_its_answer(tmp_path: Path) -> None:
-    """Also where the answer comes at the last moment."""
+def test_an_ecu_gets_time_to_shut_down_after_its_response(tmp_path: Path) -> None:
+    """Also where the response comes at the last moment."""
     setup = setup_of(scenario(tmp_path, EXPECT))
     phase = next(iter(phases_of(setup, rig_with(tmp_path, UDS), 0.001)))
     row, head = np.zeros((1, ROW_WIDTH)), phase.stimuli.tester.head
@@ -208,7 +208,7 @@ def test_an_ecu_gets_time_to_go_down_after_its_answer(tmp_path: Path) -> None:
     assert phase.end.is_over()
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_an_ecu_reset_where_there_is_no_signal(on_bus: Run) -> None:
+def test_a_reset_during_a_scenario_uses_uds_where_the_rig_has_no_signal(on_bus: Run) -> None:
     later = '[[request]]\ntime = "time_s > 0.3"\naction = "reset"\n'
     ecu, result = on_bus(EXPECT + AT_100_MS + later, UDS, *[[(0, YES)]] * 3)
     assert result.verdict == "pass", result
@@ -216,7 +216,7 @@ def test_a_reset_in_the_middle_of_a_scenario_is_an_ecu_reset_where_there_is_no_s
     assert ecu.cycles[2] - ecu.cycles[1] == pytest.approx(20, abs=1)
 
 
-def test_a_reset_in_the_middle_of_a_scenario_is_the_signal_where_there_is_one(on_bus: Run) -> None:
+def test_a_reset_during_a_scenario_uses_the_signal_and_not_uds_where_the_rig_has_both(on_bus: Run) -> None:
     ecu, result = on_bus(EXPECT + AT_100_MS, f'{SIGNAL}uds = "hardReset"\n', [(0, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]
@@ -232,7 +232,7 @@ def test_a_reset_in_the_middle_of_a_scenario_is_the_signal_where_there_is_one(on
     ],
     ids=["refused", "refused without a code", "silent"],
 )
-def test_a_reset_that_is_not_made_in_a_scenario_makes_it_inconclusive(
+def test_a_failed_reset_during_a_scenario_makes_it_inconclusive(
     on_bus: Run, tmp_path: Path, answers: list[list[tuple[int, str]]], said: str
 ) -> None:
     files = [tmp_path / name for name in ("run.mf4", "run.csv", "run.log", "run.mcap")]
@@ -244,7 +244,7 @@ def test_a_reset_that_is_not_made_in_a_scenario_makes_it_inconclusive(
         assert again == result.expectations
 
 
-def test_a_reset_that_is_made_is_judged_again(on_bus: Run, tmp_path: Path) -> None:
+def test_a_successful_reset_is_judged_the_same_from_recordings(on_bus: Run, tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     answers = [[(0, YES)], [(0, "7f1121")], [(0, "7f1178"), (3, YES)]]
     ecu, result = on_bus(EXPECT + AT_100_MS, UDS, *answers, record=[file])
@@ -253,7 +253,7 @@ def test_a_reset_that_is_made_is_judged_again(on_bus: Run, tmp_path: Path) -> No
     assert lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml") == result.expectations
 
 
-def test_each_reset_is_made_also_where_the_answer_to_another_is_waited_for(on_bus: Run) -> None:
+def test_a_reset_is_requested_even_while_another_awaits_its_response(on_bus: Run) -> None:
     times = "".join(f'[[request]]\ntime = {time}\naction = "reset"\n' for time in (0.1, 0.11, 0.12))
     ecu, result = on_bus(EXPECT + times, UDS, *[[(4, YES)]] * 4)
     assert result.verdict == "pass", result
@@ -272,13 +272,13 @@ def test_trouble_codes_are_read_before_and_after_a_reset(on_bus: Run) -> None:
     assert len(ecu.requests) >= 8
 
 
-def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
+def test_checking_a_rig_describes_its_uds_reset(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, UDS)
     said = "sends ECUReset hardReset (11 01), then waits for its first command"
     assert asked_by(rig)["reset"] == said
 
 
-def test_an_ecu_reset_needs_diagnostics(tmp_path: Path) -> None:
+def test_a_uds_reset_needs_a_diagnostics_section(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         rig_with(tmp_path, UDS, without="[diagnostics]")
     said = "hardReset: the rig has no [diagnostics]; allowed: a rig with [diagnostics] request and response"
@@ -286,15 +286,13 @@ def test_an_ecu_reset_needs_diagnostics(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", ["true", '"hardreset"', "1"])
-def test_an_ecu_reset_is_one_of_three(tmp_path: Path, value: str) -> None:
+def test_an_unknown_kind_of_ecu_reset_is_refused(tmp_path: Path, value: str) -> None:
     with pytest.raises(ConfigError, match=r"reset\.uds: ") as caught:
         rig_with(tmp_path, f"[reset]\nuds = {value}\n")
     assert "one of hardReset, keyOffOnReset, softReset" in caught.value.issues[0]
 
 
-def test_a_missing_library_is_reported_before_anything_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_uds_library_is_reported_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "udsoncan", None)
     rig, path = rig_with(tmp_path, UDS), scenario(tmp_path, EXPECT)
     with pytest.raises(ConfigError, match=r"reset\.uds: resets over UDS need udsoncan; .*'liftgate-hil\[uds\]'"):
@@ -302,7 +300,7 @@ def test_a_missing_library_is_reported_before_anything_runs(
     assert lh.run(path, rig=rig).verdict == "pass"  # of an ECU in this process it is made anew
 
 
-def test_what_a_real_bus_cannot_do_is_judged_again(
+def test_a_fault_impossible_on_a_real_bus_is_judged_the_same_from_recordings(
     on_bus: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Way, "is_interface", lambda way, name: False)

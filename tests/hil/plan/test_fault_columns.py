@@ -1,4 +1,4 @@
-"""Columns of recordings that state which faults are in force: their names, their windows, who reads them."""
+"""Columns of recordings for faults in force: names, windows, and readers."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_recording_states_of_each_fault_when_it_was_in_force(folder: Path, name: str) -> None:
+def test_each_fault_has_a_column_that_shows_when_it_was_in_force(folder: Path, name: str) -> None:
     recording = open_recording(folder / name)
     assert list(recording.signals) == [*columns_of(2), *COLUMNS]
     rows = np.concatenate(list(recording.rows(["time_s", *COLUMNS])))
@@ -80,7 +80,7 @@ def test_a_recording_states_of_each_fault_when_it_was_in_force(folder: Path, nam
     assert is_ours(folder / name)
 
 
-def test_the_provenance_states_what_each_fault_is(folder: Path) -> None:
+def test_the_provenance_describes_each_fault_column(folder: Path) -> None:
     faults = json.loads(open_recording(folder / "run.mf4").about)["faults"]
     assert list(faults) == list(COLUMNS)
     weak = faults["fault.spring_weak.both"]
@@ -88,7 +88,7 @@ def test_the_provenance_states_what_each_fault_is(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
-def test_a_recording_without_faults_has_at_most_a_column_of_injected_ones(tmp_path: Path, clock: str) -> None:
+def test_a_recording_without_faults_has_at_most_the_injected_faults_column(tmp_path: Path, clock: str) -> None:
     lh.run(find_config("scenarios", "demo"), clock=clock, duration=0.05, record=tmp_path / "run.csv")
     recording = open_recording(tmp_path / "run.csv")
     found = [name for name in recording.signals if name.startswith("fault.")]
@@ -96,7 +96,7 @@ def test_a_recording_without_faults_has_at_most_a_column_of_injected_ones(tmp_pa
     assert not np.concatenate(list(recording.rows(["time_s", *found])))[:, 1:].any()
 
 
-def test_springs_are_drawn_as_they_were(folder: Path) -> None:
+def test_springs_are_drawn_with_the_faults_recorded(folder: Path) -> None:
     source = RecordingSource(folder / "run.mf4")
 
     def health(time: float) -> dict[str, Any]:
@@ -110,7 +110,7 @@ def test_springs_are_drawn_as_they_were(folder: Path) -> None:
     assert RecordingSource(folder / "run.csv").state(0.2)["acting"]["spring_health"] == {}
 
 
-def test_of_injected_faults_it_is_stated_that_one_is_in_force() -> None:
+def test_injected_faults_share_one_in_force_column() -> None:
     sheet, vehicle = Sheet(), lh.load_vehicle(find_config("vehicles", "suv"))
     own = [fault_of("motor_open", "left", {}), fault_of("supply_open", None, {})]
     faults = faults_of(constants_of(vehicle), [Injection((), Instant(0.0))] * 2, sheet, slots=3)
@@ -130,7 +130,7 @@ def test_of_injected_faults_it_is_stated_that_one_is_in_force() -> None:
     assert stated() == [1, 0, 1]
 
 
-def test_more_faults_than_a_number_has_bits_have_no_columns() -> None:
+def test_faults_beyond_the_maximum_number_have_no_columns() -> None:
     many = [fault_of("supply_open", None, {})] * (MOST_FAULTS + 3)
     columns = fault_columns_of(many, is_open=True)
     assert list(columns)[-2:] == [f"fault.supply_open.{MOST_FAULTS}", INJECTED]
@@ -142,7 +142,7 @@ def test_more_faults_than_a_number_has_bits_have_no_columns() -> None:
     assert faults.in_force[0] == 2**MOST_FAULTS - 1
 
 
-def test_simulate_states_its_faults_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_of_simulate_has_fault_columns_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = folder / "offline.toml"
     scenario.write_text('duration = 0.1\n[[fault]]\nkind = "spring_lost"\nwhere = "left"\nstart = 0.05\n')
     output = folder / "offline.csv"

@@ -25,7 +25,7 @@ def limits(scenario: str) -> list[ForceLimit]:
     return list(force_limits_of(setup.scenario, setup.vehicle, RIG))
 
 
-def test_a_trap_has_its_own_limit_and_the_one_that_may_be_exceeded_for_a_moment() -> None:
+def test_a_trap_scenario_lists_its_limit_and_the_vehicles_limit_for_longer_contacts() -> None:
     """The second one is the vehicle's, which the scenario sets."""
     assert limits("pack/trap_40deg_10npmm") == [
         ForceLimit(100.0, 0.0, "presses less than the limit"),
@@ -45,14 +45,14 @@ def test_a_trap_has_its_own_limit_and_the_one_that_may_be_exceeded_for_a_moment(
         ('always = "gate_angle_deg < 90 and pinch_force_n < 50"', [50.0]),
     ],
 )
-def test_a_limit_is_a_comparison_that_the_force_must_stay_below(
+def test_a_force_limit_is_a_comparison_that_must_stay_true(
     tmp_path: Path, condition: str, found: list[float]
 ) -> None:
     (tmp_path / "s.toml").write_text(EXPECTED.replace("CONDITION", condition), encoding="utf-8")
     assert [each.force_n for each in limits(str(tmp_path / "s.toml"))] == found
 
 
-def test_what_is_expected_is_told_with_numbers_for_parameters() -> None:
+def test_expectations_are_described_with_numbers_in_place_of_parameters() -> None:
     setup = setup_of("pack/trap_40deg_10npmm")
     told = expectations_of(setup.scenario)
     assert told["presses less than the limit"] == "always pinch_force_n < 100"

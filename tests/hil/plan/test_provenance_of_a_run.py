@@ -1,4 +1,4 @@
-"""What recordings say of the run that they are of: files, seed, clock, rate, versions, the vehicle."""
+"""Provenance in recordings: files, seed, clock, rate, versions, the vehicle."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(folder: Path, *suffixes: str, **more: Any) -> None:
 
 
 def in_the_words_of_others(path: Path) -> str:
-    """By the format's own reader."""
+    """Provenance read by the format's own reader."""
     if path.suffix == ".mf4":
         from asammdf import MDF
 
@@ -74,7 +74,7 @@ def in_the_words_of_others(path: Path) -> str:
 
 
 @pytest.mark.parametrize("suffix", HOLDING)
-def test_a_recording_holds_what_its_run_was_made_from(tmp_path: Path, suffix: str) -> None:
+def test_a_recording_holds_files_seed_and_versions_of_its_run(tmp_path: Path, suffix: str) -> None:
     run(tmp_path, suffix, rate=2000.0)
     told = json.loads(in_the_words_of_others(tmp_path / f"run{suffix}"))
     assert (told["seed"], told["clock"], told["rate_hz"]) == (7, "free", 2000.0)
@@ -94,7 +94,7 @@ def test_a_recording_holds_what_its_run_was_made_from(tmp_path: Path, suffix: st
     assert open_recording(tmp_path / f"run{suffix}").about == in_the_words_of_others(tmp_path / f"run{suffix}")
 
 
-def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_the_same_run_gives_byte_identical_recordings(tmp_path: Path) -> None:
     run(tmp_path, ".mcap", ".parquet")
     first = {path: path.read_bytes() for path in tmp_path.glob("run.*")}
     run(tmp_path, ".mcap", ".parquet")
@@ -102,7 +102,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("suffix", "mark"), [(".asc", "// "), (".trc", "; ")])
-def test_a_text_with_comments_has_it_in_short_and_is_read_as_before(
+def test_asc_and_trc_carry_a_short_provenance_as_comments_and_their_frames_read_the_same(
     tmp_path: Path, suffix: str, mark: str
 ) -> None:
     run(tmp_path, suffix, ".log")
@@ -116,7 +116,7 @@ def test_a_text_with_comments_has_it_in_short_and_is_read_as_before(
         assert [bytes(m.data) for m in found] == [bytes(m.data) for m in expected]
 
 
-def test_what_is_written_by_another_process_has_it_too(tmp_path: Path) -> None:
+def test_a_recording_by_the_recorder_process_has_the_provenance_too(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     line = ["--bus", "virtual:origin", "--duration", "0.2", "--overrun-limit", "60", "--seed", "3"]
     assert main([*line, "--quiet", "--record", str(path)]) == 0
@@ -125,7 +125,7 @@ def test_what_is_written_by_another_process_has_it_too(tmp_path: Path) -> None:
     assert open_recording(path).start_ns > 0
 
 
-def test_more_than_a_pipe_holds_goes_through(tmp_path: Path) -> None:
+def test_a_provenance_larger_than_a_pipe_buffer_reaches_the_recorder_process(tmp_path: Path) -> None:
     long = tmp_path / "s.toml"
     long.write_text(SCENARIO + "# " + "x" * 300_000 + "\n")
     path = tmp_path / "run.mcap"
@@ -134,7 +134,7 @@ def test_more_than_a_pipe_holds_goes_through(tmp_path: Path) -> None:
     assert json.loads(in_the_words_of_others(path))["files"]["scenario"]["text"] == long.read_text()
 
 
-def test_converting_keeps_it_or_tells_that_it_is_left_out(tmp_path: Path) -> None:
+def test_converting_keeps_the_provenance_or_reports_its_loss(tmp_path: Path) -> None:
     run(tmp_path, ".mf4")
     about = open_recording(tmp_path / "run.mf4").about
     path = tmp_path / "run.mf4"
@@ -155,7 +155,7 @@ def test_converting_keeps_it_or_tells_that_it_is_left_out(tmp_path: Path) -> Non
     assert done.notes == ("provenance omitted: .csv cannot hold it; allowed: .parquet, .mf4, .mcap",)
 
 
-def test_a_simulation_says_it_too(tmp_path: Path) -> None:
+def test_a_table_of_simulate_has_a_provenance_too(tmp_path: Path) -> None:
     table = tmp_path / "in.csv"
     table.write_text("time_s,voltage_v\n0,9\n0.1,3\n")
     path = tmp_path / "out.parquet"
@@ -168,7 +168,7 @@ def test_a_simulation_says_it_too(tmp_path: Path) -> None:
     assert set(told["files"]) == {"input", "vehicle"}
 
 
-def test_what_is_damaged_is_reported_and_not_carried_on(tmp_path: Path) -> None:
+def test_a_damaged_provenance_is_reported_and_not_copied(tmp_path: Path) -> None:
     from pyarrow import parquet
 
     run(tmp_path, ".parquet")
@@ -180,7 +180,7 @@ def test_what_is_damaged_is_reported_and_not_carried_on(tmp_path: Path) -> None:
             convert(tmp_path / "hurt.parquet", tmp_path / "out.mcap")
 
 
-def test_a_vehicle_of_a_file_or_of_a_program_is_reported(tmp_path: Path) -> None:
+def test_a_vehicle_from_a_file_or_a_program_is_in_the_provenance(tmp_path: Path) -> None:
     vehicle = tmp_path / "mine.toml"
     vehicle.write_bytes(find_config("vehicles", "suv").read_bytes())
     lh.run("demo", duration=0.1, vehicle=vehicle, record=[tmp_path / "run.mcap"])
@@ -193,7 +193,7 @@ def test_a_vehicle_of_a_file_or_of_a_program_is_reported(tmp_path: Path) -> None
     assert told["vehicle"]["drives"] == 2
 
 
-def test_a_scenarios_includes_are_reported_with_their_content(tmp_path: Path) -> None:
+def test_files_included_by_a_scenario_are_in_the_provenance(tmp_path: Path) -> None:
     (tmp_path / "deep.toml").write_text("[parameters]\nrod = 5_000\n")
     (tmp_path / "bench.toml").write_text('include = ["deep.toml"]\nseed = 4\n')
     (tmp_path / "s.toml").write_text('include = ["bench.toml"]\nduration = 0.1\n')
@@ -209,7 +209,7 @@ def test_a_scenarios_includes_are_reported_with_their_content(tmp_path: Path) ->
 
 
 class Silent:
-    """An ECU that says nothing."""
+    """An ECU that sends nothing."""
 
     def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
         return []
@@ -221,7 +221,7 @@ def ecu_of(path: Path, **how: Any) -> dict[str, Any]:
     return told
 
 
-def test_the_ecu_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ecu_is_in_the_provenance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.mcap"
     reference = ecu_of(path)
     assert (reference["kind"], reference["version"]) == ("reference", lh.__version__)
@@ -240,7 +240,7 @@ def test_the_ecu_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @needs_compiler
-def test_a_librarys_file_is_reported(tmp_path: Path) -> None:
+def test_the_file_of_an_ecu_library_is_in_the_provenance(tmp_path: Path) -> None:
     library = build(tmp_path, SILENT)
     assert ecu_of(tmp_path / "run.mcap", ecu=str(library)) == {
         "kind": "library", "path": str(library),
@@ -248,7 +248,7 @@ def test_a_librarys_file_is_reported(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_an_ecu_on_a_bus_is_reported_as_such(tmp_path: Path) -> None:
+def test_an_ecu_on_a_bus_is_in_the_provenance_as_such(tmp_path: Path) -> None:
     path = tmp_path / "run.asc"
     line = ["--bus", "virtual:nobody", "--duration", "0.1", "--clock", "free", "--quiet"]
     assert main([*line, "--record", str(path)]) == 0

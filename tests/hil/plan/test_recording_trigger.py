@@ -1,4 +1,4 @@
-"""Recording around a trigger: exactly the rows and frames near a tick in which a condition is true."""
+"""Triggered recording: exactly the rows and frames near a tick in which a condition is true."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def frames_at(times_us: list[int]) -> Any:
     cuts=st.lists(st.integers(0, 60), max_size=5),
 )
 @CALM
-def test_all_that_is_near_a_true_tick_and_no_more_is_kept_however_it_comes(
+def test_exactly_the_rows_and_frames_near_a_true_tick_are_kept_for_any_blocks(
     data: st.DataObject, before: int, after: int, true: set[int], cuts: list[int]
 ) -> None:
     rows = rows_with([9.0 if k in true else 0.0 for k in range(60)])
@@ -80,7 +80,7 @@ def test_all_that_is_near_a_true_tick_and_no_more_is_kept_however_it_comes(
     assert told.tolist() == [t for t in times if any(low <= t <= high for low, high in near)]
 
 
-def test_windows_that_meet_are_one_and_others_are_further_ones() -> None:
+def test_adjacent_trigger_windows_are_merged_and_separate_ones_are_kept_apart() -> None:
     sieve = Triggered(trigger(["pinch_force_n > 5", "time_s == 0.05"], 0.003, 0.002))
     forces = [0.0] * 60
     for k in (10, 11, 15, 30):
@@ -89,7 +89,7 @@ def test_windows_that_meet_are_one_and_others_are_further_ones() -> None:
     assert np.round(sieve.windows, 6).tolist() == [[0.007, 0.017], [0.027, 0.032], [0.047, 0.052]]
 
 
-def test_frames_that_wait_for_their_turn_are_kept_however_long_the_bus_is_silent() -> None:
+def test_frames_logged_late_are_kept_however_long_the_bus_is_silent() -> None:
     sieve = Triggered(trigger(["pinch_force_n > 5"], 0.01, 0.01))
     frames = frames_at([2_000, 3_000])
     kept = [sieve.kept(rows_with([9.0] + [0.0] * 9), frames[:1], frames)[1]]
@@ -101,7 +101,7 @@ def test_frames_that_wait_for_their_turn_are_kept_however_long_the_bus_is_silent
     assert np.concatenate(kept)["time_ns"].tolist() == [2_000_000, 3_000_000]
 
 
-def test_windows_that_are_over_are_counted_and_forgotten() -> None:
+def test_past_trigger_windows_are_counted_and_discarded() -> None:
     sieve = Triggered(trigger(["pinch_force_n > 5"], 0.0, 0.0))
     for k in range(0, 5000, 50):
         rows = rows_from(k, 50)
@@ -111,7 +111,7 @@ def test_windows_that_are_over_are_counted_and_forgotten() -> None:
     assert len(sieve.windows) < 10
 
 
-def test_the_rings_take_no_more_memory_however_long_nothing_happens() -> None:
+def test_pre_trigger_buffers_do_not_grow_without_a_trigger() -> None:
     sieve = Triggered(trigger(["pinch_force_n > 5"], 0.01, 0.0))
     sizes = sieve._rows.rows.nbytes, sieve._frames.rows.nbytes
     for k in range(200):
@@ -126,7 +126,7 @@ def test_the_rings_take_no_more_memory_however_long_nothing_happens() -> None:
     assert kept[:, TIME] == pytest.approx(np.arange(19_990, 20_001) / 1000.0)
 
 
-def test_a_condition_may_read_the_bus() -> None:
+def test_a_trigger_condition_may_read_bus_signals() -> None:
     message = shipped_rig().messages["Gate"]
     quiet = {"Angle": 10.0, "LatchState": 0, "TerminalVoltage": 12.0}
     loud = {**quiet, "Angle": 40.0}
@@ -150,13 +150,13 @@ def test_a_condition_may_read_the_bus() -> None:
         ("time_s + 1", "is not a comparison"),
     ],
 )
-def test_a_condition_that_is_none_is_reported(when: str, said: str) -> None:
+def test_an_invalid_trigger_condition_is_reported(when: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         trigger([when])
     assert said in str(caught.value)
 
 
-def test_a_pre_trigger_that_memory_does_not_hold_is_refused() -> None:
+def test_a_pre_trigger_time_too_long_for_the_memory_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"`record_before` 600: allowed: up to \d+ s at 1000 Hz"):
         trigger(["time_s > 1"], 600.0)
     one = shipped_rig().messages
@@ -166,7 +166,7 @@ def test_a_pre_trigger_that_memory_does_not_hold_is_refused() -> None:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same run recorded as a whole, around a trigger, and around one that never comes."""
+    """The same run recorded as a whole, with a trigger, and with a trigger that never fires."""
     for name in ("asammdf", "mcap", "pyarrow"):
         pytest.importorskip(name)
     folder = tmp_path_factory.mktemp("triggered")
@@ -188,7 +188,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(runs: Path, suffix: str) -> None:
+def test_triggered_recordings_have_the_rows_frames_and_times_of_the_whole_run(runs: Path, suffix: str) -> None:
     whole, part = (open_recording(runs / f"{name}{suffix}") for name in ("whole", "part"))
     if whole.signals:
         compared = compare_tables((whole, part))
@@ -206,7 +206,7 @@ def test_every_format_has_the_rows_and_frames_of_the_whole_with_the_runs_times(r
         assert 0 < len(some) < len(every) / 2
 
 
-def test_a_recording_says_around_what_it_was_made(runs: Path) -> None:
+def test_a_triggered_recording_states_its_trigger(runs: Path) -> None:
     told = json.loads(open_recording(runs / "part.mcap").about)["recorded"]
     assert told == {
         "when": ["gate_angle_deg > 1 and gate_angle_deg < 1.2"], "before_s": 0.1, "after_s": 0.05,
@@ -218,7 +218,7 @@ def test_a_recording_says_around_what_it_was_made(runs: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
+def test_times_outside_a_triggered_recording_are_inconclusive(runs: Path, tmp_path: Path, suffix: str) -> None:
     window = open_recording(runs / "part.csv")
     times = np.concatenate(list(window.rows(["time_s"])))[:, 0]
     middle = float(times[len(times) // 2])
@@ -244,7 +244,7 @@ def test_what_it_does_not_cover_is_inconclusive(runs: Path, tmp_path: Path, suff
     assert {each.reason for each in empty.values()} == {"nothing was recorded"}
 
 
-def test_in_real_time_the_recording_process_does_the_same(tmp_path: Path) -> None:
+def test_the_recorder_process_of_a_real_time_run_triggers_in_the_same_way(tmp_path: Path) -> None:
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     line = ["--bus", "virtual:triggered", "--duration", "0.6", "--overrun-limit", "60", "--quiet"]
     for file in files:
@@ -268,7 +268,7 @@ def test_in_real_time_the_recording_process_does_the_same(tmp_path: Path) -> Non
         (["--record-after", "-1"], "argument --record-after: '-1'; allowed: 0 to 600 s"),
     ],
 )
-def test_flags_that_belong_together_are_reported(
+def test_trigger_flags_that_need_each_other_are_reported(
     more: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["--bus", "virtual:x", "--duration", "0.1", *more]) == 2

@@ -1,4 +1,4 @@
-"""A replay onto a bus: every frame of every format, in its order, and what becomes of a bus that fails."""
+"""Replay onto a bus: every frame of every format in order, and failures of the bus."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def times_sent(messages: list[can.Message]) -> list[tuple[int, bytes]]:
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_frame_of_every_format_comes_once_and_in_its_order(tmp_path: Path, suffix: str) -> None:
+def test_every_frame_of_every_format_is_replayed_once_and_in_order(tmp_path: Path, suffix: str) -> None:
     if suffix in (".mf4", ".mcap"):
         pytest.importorskip({".mf4": "asammdf", ".mcap": "mcap"}[suffix])
     path = write(tmp_path / f"run{suffix}", FRAMES, [True] * len(FRAMES))
@@ -74,7 +74,7 @@ def test_every_frame_of_every_format_comes_once_and_in_its_order(tmp_path: Path,
     assert played.played_s == pytest.approx(0.059)
 
 
-def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(tmp_path: Path) -> None:
+def test_without_a_direction_the_sent_frames_are_replayed_or_all_if_none_was_sent(tmp_path: Path) -> None:
     ways = [k % 3 == 0 for k in range(60)]
     path = write(tmp_path / "run.log", FRAMES, ways)
     _, messages = play(path)
@@ -85,14 +85,14 @@ def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(tm
     assert (len(messages), played.direction) == (60, "both")
 
 
-def test_several_rounds_are_the_same_frames_again(tmp_path: Path) -> None:
+def test_several_rounds_of_a_replay_repeat_the_same_frames(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES[:20], [True] * 20, 1e-4)
     played, messages = play(path, times=3, speed=2.0)
     assert times_sent(messages) == FRAMES[:20] * 3
     assert (played.rounds, played.played_s) == (3, pytest.approx(3 * 19 * 0.5e-4))
 
 
-def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
+def test_recordings_larger_than_the_ring_are_replayed_completely_in_each_round(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = player.empty_schedule
@@ -102,7 +102,7 @@ def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
     assert times_sent(messages) == FRAMES * 2
 
 
-def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path, path: Path) -> None:
+def test_a_bad_recording_is_reported_before_the_bus_is_opened(tmp_path: Path, path: Path) -> None:
     way = Way({"interface": "nobody", "channel": "x"}, None, False)
     (tmp_path / "rows.csv").write_text("time_s,left_current_a\n0,1\n")
     for replay, said in (
@@ -130,7 +130,7 @@ def test_what_cannot_be_played_is_reported_before_a_bus_is_opened(tmp_path: Path
         ({"serial": "loop://"}, "`serial` and `bus`"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(path: Path, how: dict[str, Any], said: str) -> None:
+def test_contradictory_replay_options_are_refused(path: Path, how: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.replay(path, bus="virtual:refused", **how)
     assert said in str(caught.value)
@@ -145,7 +145,7 @@ def test_a_recording_is_played_from_python(path: Path) -> None:
 
 
 class Wire:
-    """A transport that is lost from one frame to another."""
+    """A transport that is lost between two numbered frames."""
 
     name, is_up = "wire", True
 
@@ -173,7 +173,7 @@ class Wire:
         pass
 
 
-def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
+def test_a_bus_lost_for_a_while_loses_only_the_frames_due_meanwhile(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wire = Wire(range(20, 30))
@@ -192,7 +192,7 @@ def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
     assert "not sent: 10 frames" in played.lines()
 
 
-def test_it_stops_when_it_is_asked_to_and_says_how_far_it_came(tmp_path: Path) -> None:
+def test_a_replay_stops_on_request_and_reports_its_progress(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES, [True] * 60, 10.0)
     asked = 0
 

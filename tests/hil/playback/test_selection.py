@@ -1,4 +1,4 @@
-"""What of a recording is played, and when each frame is due."""
+"""Selection of the frames of a recording to replay, and their due times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def recorded(times: list[float], identifiers: list[int] | None = None, sent: boo
     speed=st.sampled_from([0.5, 1.0, 3.0]),
 )
 @CALM
-def test_frames_in_order_are_due_as_far_apart_as_they_were_however_they_are_read(
+def test_frames_are_due_at_their_recorded_intervals_for_any_blocks(
     times: list[float], cut: int, speed: float
 ) -> None:
     times = sorted(times)
@@ -41,15 +41,15 @@ def test_frames_in_order_are_due_as_far_apart_as_they_were_however_they_are_read
     assert course.set_back == 0
 
 
-def test_with_a_begin_it_counts_from_there_not_from_the_first_frame() -> None:
+def test_due_times_count_from_the_given_begin_and_not_from_the_first_frame() -> None:
     assert DueTimes(begin=2.0).due(recorded([2.5, 3.0])).tolist() == [NS // 2, NS]
 
 
-def test_a_frame_out_of_turn_goes_at_once_and_moves_none_behind_it() -> None:
+def test_a_frame_with_an_earlier_timestamp_is_due_at_once_and_shifts_no_later_frame() -> None:
     assert DueTimes().due(recorded([0.0, 1.0, 0.95, 2.0])).tolist() == [0, NS, NS, 2 * NS]
 
 
-def test_where_the_loggers_clock_was_set_back_time_goes_on() -> None:
+def test_replay_time_continues_where_the_loggers_clock_was_set_back() -> None:
     course = DueTimes()
     first = course.due(recorded([100.0, 101.0, 95.0, 96.0]))
     assert first.tolist() == [0, NS, NS, 2 * NS]
@@ -57,7 +57,7 @@ def test_where_the_loggers_clock_was_set_back_time_goes_on() -> None:
     assert course.set_back == 2
 
 
-def test_the_next_round_begins_where_this_one_ends() -> None:
+def test_each_round_of_a_replay_begins_where_the_previous_one_ends() -> None:
     course = DueTimes(2.0)
     assert course.due(recorded([1.0, 2.0])).tolist() == [0, NS // 2]
     course.begin_again()
@@ -91,7 +91,7 @@ def test_frames_are_chosen_by_time_direction_and_identifier() -> None:
     assert left(without=((0x200, 0x300),)) == [0.0, 2.0, 1.5]
 
 
-def test_identifiers_are_numbers_ranges_and_messages() -> None:
+def test_identifiers_are_selected_by_number_range_or_message_name() -> None:
     messages = shipped_rig().messages
     given_ = ["0x7E0-0x7EF", "DriveCommand", "0x18F00311"]
     assert identifiers_of("only", given_, messages) == (
@@ -103,7 +103,7 @@ def test_identifiers_are_numbers_ranges_and_messages() -> None:
     assert caught.value.issues[0].startswith("`except` 120: allowed: 0x0 to 0x1FFFFFFF")
 
 
-def test_error_frames_are_left_out_and_can_fd_needs_such_a_bus() -> None:
+def test_error_frames_are_left_out_and_can_fd_frames_need_a_can_fd_bus() -> None:
     frames = recorded([0.0, 1.0], [0x100, ERROR | 0x80])
     kept, left_out = playable(frames, False)
     assert (kept["identifier"].tolist(), left_out) == ([0x100], 1)

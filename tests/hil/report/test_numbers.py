@@ -35,7 +35,7 @@ def test_a_value_is_shown_to_the_digits_that_its_deviation_supports(value, std, 
     assert known_digits(value, std) == shown
 
 
-def test_numbers_keep_their_known_zeros_and_leave_the_rest():
+def test_numbers_keep_significant_trailing_zeros():
     assert significant(0.5, 3) == "0.500"
     assert significant(123456.7, 3) == "123457"
     assert significant(1e7, 3) == "1.00e+07"
@@ -45,7 +45,7 @@ def test_numbers_keep_their_known_zeros_and_leave_the_rest():
     assert plain(math.nan) == "—"
 
 
-def test_shares_have_no_false_digits():
+def test_percentages_have_no_false_digits():
     assert [percent(each) for each in (0.123, 12.34, 1455.2, 3e7, math.inf)] == [
         "0.12",
         "12.3",
@@ -59,13 +59,13 @@ def test_shares_have_no_false_digits():
     assert relative_change(-1.0, -2.0) == 50.0
 
 
-def test_columns_get_words_and_units():
+def test_axis_labels_are_words_with_units():
     assert axis_label("left_current_a") == "left current [A]"
     assert axis_label("right_hall_count") == "right Hall count [counts]"
     assert axis_label("gate_rate_degps") == "gate rate [deg/s]"
     assert axis_label("something") == "something"
 
 
-def test_names_cannot_steer_a_terminal_and_long_ones_are_shortened():
+def test_names_lose_terminal_control_characters_and_long_ones_are_shortened():
     assert clean("a\x1b[2J\n\u202eb\udcff") == "a�[2J��b�"
     assert clean("x" * 50 + "end", 21) == "x" * 10 + "…" + "x" * 7 + "end"

@@ -1,4 +1,4 @@
-"""How hard, how long, when the gate turned: of rows whose answers are known."""
+"""Pinch events: peak force, duration and reversal in rows with known results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIMES = np.arange(0.0, 10.0, 0.001)
 
 
 def rows(peak: float = 120.0, way: float = -1.0, back: float = 3.0) -> dict[str, np.ndarray]:
-    """Moves at 2 deg/s to 40 deg, touches at 4.5 s, turns at 5 s, moves back until `back` s later."""
+    """Rows of a gate that moves at 2 deg/s to 40 deg, touches at 4.5 s, turns at 5 s, then backs for `back` s."""
     rate = np.select([TIMES < 5.0, 5.0 + back > TIMES], [2.0 * way, -2.0 * way], 0.0)
     angle = 40.0 - 2.0 * way * abs(TIMES - 5.0)
     angle[5.0 + back <= TIMES] = 40.0 - 2.0 * way * back
@@ -38,7 +38,7 @@ def event_of(columns: dict[str, np.ndarray]) -> PinchEvent:
 
 
 @pytest.mark.parametrize("way", [-1.0, 1.0])
-def test_peak_touch_turn_and_way_back_are_found_closing_and_opening(way: float) -> None:
+def test_peak_contact_and_reversal_of_a_pinch_are_found_in_both_directions(way: float) -> None:
     event = event_of(rows(way=way))
     assert event.force_n == pytest.approx(120.0)
     assert (event.time_s, event.angle_deg) == (pytest.approx(5.0), pytest.approx(40.0))
@@ -55,7 +55,7 @@ def test_the_contact_with_the_largest_force_counts() -> None:
     assert event_of(columns).start_s == pytest.approx(4.5, abs=0.0015)
 
 
-def test_a_gate_that_presses_on_did_not_reverse() -> None:
+def test_a_gate_that_keeps_pressing_did_not_reverse() -> None:
     columns = rows()
     columns["gate_rate_degps"] = np.minimum(columns["gate_rate_degps"], 0.0)
     event = event_of(columns)
@@ -64,16 +64,16 @@ def test_a_gate_that_presses_on_did_not_reverse() -> None:
     assert json_of(event)["reversal_time_s"] is None
 
 
-def test_a_gate_that_an_obstacle_leaves_did_not_reverse() -> None:
-    """It bounces at the touch, presses on, and springs back when the rod is taken away."""
+def test_a_gate_whose_obstacle_is_removed_did_not_reverse() -> None:
+    """The gate bounces at the touch, presses on, and springs back when the rod is taken away."""
     columns = rows()
     rate = np.select([TIMES < 4.6, TIMES < 4.65, TIMES < 5.2, TIMES < 5.5], [-2.0, 2.0, 0.0, 3.0])
     event = event_of({**columns, "gate_rate_degps": rate, "pinch_force_n": 100.0 * (abs(TIMES - 4.85) < 0.35)})
     assert np.isnan([event.turn_s, event.back_deg]).all()
 
 
-def test_what_the_gate_does_after_its_way_back_is_no_reversal() -> None:
-    """It bounces before it goes on into the obstacle; it creeps on after it has stopped, then opens once more."""
+def test_motion_after_the_way_back_is_no_further_reversal() -> None:
+    """The gate bounces before it goes on into the obstacle, creeps on after its stop, then opens once more."""
     columns = rows(back=1.0)
     columns["gate_rate_degps"] *= 3.0
     columns["gate_rate_degps"][6000:8000] = 0.55
@@ -85,13 +85,13 @@ def test_what_the_gate_does_after_its_way_back_is_no_reversal() -> None:
     assert event.back_deg == pytest.approx(2.0, abs=0.005)
 
 
-def test_nothing_pinched_is_no_event() -> None:
+def test_a_run_without_contact_has_no_pinch_event() -> None:
     columns = rows(peak=0.0)
     assert pinch_event(columns) is None
     assert pinch_event({name: each[:0] for name, each in columns.items()}) is None
 
 
-def test_time_over_a_limit_counts_in_a_row() -> None:
+def test_time_over_a_limit_is_the_longest_uninterrupted_one() -> None:
     columns = rows()
     # Over 150 N for 0.4 s, below for a moment, and for 0.5 s again: never for 0.75 s in a row.
     force = np.zeros(len(TIMES))
@@ -128,7 +128,7 @@ def picture_of(columns: dict[str, np.ndarray]) -> RunPicture:
     return RunPicture("a run", columns, pinch_event(columns), [obstacle], [(4.9, "reversal")])
 
 
-def test_the_picture_says_peak_limits_margin_and_reversal() -> None:
+def test_the_pinch_figure_states_peak_limits_margin_and_reversal() -> None:
     said = texts_of(picture_of(rows()))
     for text in (
         "peak 120.0 N", "at 5.000 s, 40.00 deg", "280.0 N below 400 N", "20.0 N above 100 N", "EN 12453", "UN R21",
@@ -137,8 +137,8 @@ def test_the_picture_says_peak_limits_margin_and_reversal() -> None:
         assert text in said
 
 
-def test_a_rod_is_drawn_from_when_the_closing_gate_can_meet_it() -> None:
-    """It is there from the start, but the gate opens past it first."""
+def test_a_rod_is_drawn_from_the_time_at_which_the_closing_gate_can_hit_it() -> None:
+    """The rod is there from the start, but the gate opens past it first."""
     columns = rows()
     opening = TIMES < 2.0
     columns["gate_angle_deg"] = np.where(opening, 22.0 * TIMES, columns["gate_angle_deg"])
@@ -152,7 +152,7 @@ def test_a_rod_is_drawn_from_when_the_closing_gate_can_meet_it() -> None:
     assert rod.get_xdata().tolist() == [0.0, 9.0]
 
 
-def test_the_ecu_reverses_where_its_current_has_its_spike() -> None:
+def test_the_ecus_reversal_is_found_at_its_current_peak() -> None:
     columns = rows()
     columns["left_duty"] = np.where(TIMES < 4.8, -0.7, 0.9)
     columns["left_current_a"] = np.interp(TIMES, [4.8, 4.81, 5.0], [-2.0, 25.0, 10.0])
@@ -164,7 +164,7 @@ def test_the_ecu_reverses_where_its_current_has_its_spike() -> None:
     assert "ECU reverses" not in texts_of(picture_of(stays))
 
 
-def test_a_gate_with_one_drive_shows_one_and_one_with_two_shows_both_apart() -> None:
+def test_the_figure_shows_the_current_of_one_drive_or_of_both_separately() -> None:
     columns = rows()
     assert "right" not in texts_of(picture_of(columns))
     both = {**columns, "right_current_a": columns["left_current_a"]}
@@ -175,7 +175,7 @@ def test_a_gate_with_one_drive_shows_one_and_one_with_two_shows_both_apart() -> 
     assert drives["left"].get_linestyle() != drives["right"].get_linestyle()
 
 
-def test_a_run_without_a_pinch_is_drawn_alone(tmp_path: Path) -> None:
+def test_a_run_without_a_pinch_is_drawn_without_marks(tmp_path: Path) -> None:
     picture = picture_of(rows(peak=0.0))
     assert "peak" not in texts_of(picture)
     plot_run(tmp_path / "run.png", picture)

@@ -1,4 +1,4 @@
-"""Where a result is from: files by their content, and a date that can be given."""
+"""Provenance of a result: source files by their content, and a date that can be set."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.config.sources import sources_of
 from liftgate_hil.report.provenance import provenance_of
 
 
-def test_a_source_is_known_by_its_content(tmp_path: Path) -> None:
+def test_a_source_file_is_identified_by_its_content(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     path.write_bytes(b"drives = 2\n")
     (source,) = sources_of({"vehicle": path}).values()
@@ -23,13 +23,13 @@ def test_a_source_is_known_by_its_content(tmp_path: Path) -> None:
     assert sources_of({"vehicle": path})["vehicle"].sha256 != source.sha256
 
 
-def test_what_is_no_file_is_left_out_and_a_pipe_is_not_read(tmp_path: Path) -> None:
+def test_sources_that_are_no_files_are_left_out_and_pipes_are_not_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     names = {"a": "pipe", "b": "missing", "c": ".", "d": "\0", "e": "x" * 300}
     assert sources_of({key: tmp_path / name for key, name in names.items()}) == {}
 
 
-def test_the_date_is_now_or_the_one_that_the_environment_gives() -> None:
+def test_the_date_is_now_or_taken_from_the_environment() -> None:
     given = provenance_of("liftgate-hil demo", {}, {"SOURCE_DATE_EPOCH": "1700000000"})
     assert given.date == "2023-11-14T22:13:20+00:00"
     for nonsense in ("", "soon", "-1", "1e9", "9" * 30):
@@ -38,7 +38,7 @@ def test_the_date_is_now_or_the_one_that_the_environment_gives() -> None:
         assert date.endswith("+00:00")
 
 
-def test_it_is_json_and_a_table_with_the_same_in_both(tmp_path: Path) -> None:
+def test_provenance_has_the_same_content_as_json_and_as_a_table(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
     record = provenance_of("liftgate-hil demo", sources_of({"rig": tmp_path / "rig.toml"}))
     content = json.loads(json.dumps(record.to_dict()))

@@ -1,4 +1,4 @@
-"""Reports and pictures: ours are replaced, other content is set aside, and a failure leaves what was there."""
+"""Report files: own ones are replaced, other content is set aside, failures change nothing."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ THEIRS = {
 
 
 @pytest.mark.parametrize("name", OURS)
-def test_a_report_of_ours_is_replaced(tmp_path: Path, name: str) -> None:
+def test_a_report_of_this_program_is_replaced(tmp_path: Path, name: str) -> None:
     path, said = tmp_path / name, list[str]()
     path.write_bytes(OURS[name])
     put_report(path, b"after", said.append)
@@ -47,7 +47,7 @@ def test_a_report_of_ours_is_replaced(tmp_path: Path, name: str) -> None:
     assert said == []
 
 
-def test_a_picture_of_ours_is_replaced(tmp_path: Path) -> None:
+def test_a_figure_of_this_program_is_replaced(tmp_path: Path) -> None:
     for path, content in (
         (tmp_path / "a.png", png(new_figure(1.0, 1.0))),
         (tmp_path / "a.pdf", pdf(new_figure(1.0, 1.0))),
@@ -57,7 +57,7 @@ def test_a_picture_of_ours_is_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", THEIRS)
-def test_other_content_is_set_aside_every_time(tmp_path: Path, name: str) -> None:
+def test_a_target_with_other_content_is_kept_under_another_name_each_time(tmp_path: Path, name: str) -> None:
     path, said = tmp_path / name, list[str]()
     aside, second = (path.with_name(f"{path.stem}.previous{end}{path.suffix}") for end in ("", ".2"))
     for content in (THEIRS[name], b"not ours either"):
@@ -68,7 +68,7 @@ def test_other_content_is_set_aside_every_time(tmp_path: Path, name: str) -> Non
     assert said == [f"{path}: the file that was there is now {each}" for each in (aside, second)]
 
 
-def test_the_same_content_is_not_written_again(tmp_path: Path) -> None:
+def test_unchanged_content_is_not_written_again(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     put_report(path, b"[motor]\n")
     before = path.stat()
@@ -78,7 +78,7 @@ def test_the_same_content_is_not_written_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("operation", ["fsync", "link", "replace"])
-def test_a_failure_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str) -> None:
+def test_a_failed_write_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str) -> None:
     path = tmp_path / "photo.png"
     path.write_bytes(b"somebody's")
 
@@ -92,10 +92,10 @@ def test_a_failure_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert path.exists() == (operation != "replace")
 
 
-def test_a_file_of_others_in_a_folder_that_cannot_be_written_to_stays(
+def test_a_foreign_file_in_a_read_only_folder_is_not_overwritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of ours would be written to directly."""
+    """A report of this program would be overwritten in place."""
     real = os.open
 
     def refuse(path: object, flags: int, *more: int, **others: object) -> int:
@@ -115,7 +115,7 @@ def test_a_file_of_others_in_a_folder_that_cannot_be_written_to_stays(
     assert path.read_bytes() == b"after"
 
 
-def test_what_a_killed_process_has_left_beside_a_target_is_removed(tmp_path: Path) -> None:
+def test_temporary_files_of_a_killed_process_beside_a_target_are_removed(tmp_path: Path) -> None:
     left, other = tmp_path / name_beside("fit.json"), tmp_path / name_beside("other.json")
     left.touch()
     other.touch()
@@ -124,7 +124,7 @@ def test_what_a_killed_process_has_left_beside_a_target_is_removed(tmp_path: Pat
 
 
 @pytest.mark.parametrize("link", [os.link, os.symlink])
-def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
+def test_a_target_that_is_also_an_input_is_refused(tmp_path: Path, link: object) -> None:
     source, target = tmp_path / "in.csv", tmp_path / "out.json"
     source.write_text("time_s\n")
     link(source, target)  # type: ignore[operator]
@@ -132,7 +132,7 @@ def test_a_target_that_is_read_is_refused(tmp_path: Path, link: object) -> None:
         check_targets({"result": str(target)}, [tmp_path / "not there", source])
 
 
-def test_a_report_of_another_form_is_not_replaced(tmp_path: Path) -> None:
+def test_a_report_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
     from liftgate_hil.report.files import is_of_another_kind
 
     path = text_file(tmp_path / "k.json", json.dumps({"provenance": {"versions": {"liftgate-hil": "1"}}}))

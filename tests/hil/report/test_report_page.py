@@ -1,4 +1,4 @@
-"""HTML around reports: landmarks, and tables that the keyboard scrolls."""
+"""HTML of reports: landmarks, and tables that scroll by keyboard."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def test_all_of_a_report_is_in_its_main_landmark() -> None:
     assert body.endswith("<p>content</p>\n</main>")
 
 
-def test_a_table_can_be_reached_by_the_keyboard_and_has_the_names_of_its_columns() -> None:
+def test_tables_are_reachable_by_keyboard_and_have_column_headers() -> None:
     found = table(("force", ""), [("5 N", Markup("<b>x</b>"))], ("r", ""))
     assert found.startswith('<div class="wide" tabindex="0" role="group" aria-label="table: force">')
     assert '<thead><tr><th class="r">force</th><td></td></tr></thead>' in found

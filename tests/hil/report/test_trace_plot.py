@@ -1,4 +1,4 @@
-"""Small pictures of signals: what is in them, where it is, and how large they get."""
+"""Small plots of signals: content, position and size."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def drawn(*panels: Panel, window: tuple[float, float] | None = None) -> str:
 
 
 def heights(svg: str, name: str) -> list[float]:
-    """Of horizontal lines of a class."""
+    """Heights of the horizontal lines of a CSS class."""
     return [float(each) for each in re.findall(rf'class="{name}" d="M[\d.]+ (-?[\d.]+)H[\d.]+"', svg)]
 
 
@@ -34,7 +34,7 @@ def test_axes_have_names_units_and_round_numbers() -> None:
     assert {"0", "50", "100", "1.5", "3.0"} <= set(words.split())
 
 
-def test_limits_are_lines_with_their_texts() -> None:
+def test_limits_are_drawn_as_labelled_lines() -> None:
     svg = drawn(
         panel(np.zeros(201), ConstantLine(80.0, "< 80 N", False), ConstantLine(5.0, "trigger: > 5 N", True))
     )
@@ -44,7 +44,7 @@ def test_limits_are_lines_with_their_texts() -> None:
     assert limit < trigger  # higher up
 
 
-def test_a_limit_far_away_does_not_crush_the_signal() -> None:
+def test_a_distant_limit_does_not_flatten_the_signal() -> None:
     values = np.sin(TIMES)
     svg = drawn(panel(values, ConstantLine(1e4, "< 10000 N", False)))
     assert heights(svg, "limit") == []
@@ -55,7 +55,7 @@ def test_a_limit_far_away_does_not_crush_the_signal() -> None:
     assert len(heights(drawn(panel(np.zeros(201), ConstantLine(1e4, "", False))), "limit")) == 1
 
 
-def test_a_margin_reaches_from_the_limit_to_the_value() -> None:
+def test_a_margin_is_drawn_from_the_limit_to_the_value() -> None:
     values = np.where(np.arange(201) == 100, 90.0, 0.0)
     margin = Margin(float(TIMES[100]), 100.0, 90.0, "margin 10 N")
     svg = drawn(panel(values, ConstantLine(100.0, "< 100 N", False), margin=margin))
@@ -69,7 +69,7 @@ def test_a_margin_reaches_from_the_limit_to_the_value() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 50.0, 96.0, 99.5, 100.0, 100.5, 104.0])
-def test_the_label_of_a_margin_lies_on_no_limit(value: float) -> None:
+def test_the_label_of_a_margin_does_not_overlap_a_limit(value: float) -> None:
     values = np.where(np.arange(201) == 100, value, 0.0)
     margin = Margin(float(TIMES[100]), 100.0, value, "margin here")
     svg = drawn(panel(values, ConstantLine(100.0, "< 100 N", False), margin=margin))
@@ -80,7 +80,7 @@ def test_the_label_of_a_margin_lies_on_no_limit(value: float) -> None:
     assert not baseline - 9.0 < limit < baseline + 2.0  # letters of 11 px
 
 
-def test_a_gap_and_a_signal_without_a_value_are_shown() -> None:
+def test_gaps_and_signals_without_values_are_shown() -> None:
     values = np.where((np.arange(201) > 50) & (np.arange(201) < 60), np.nan, 1.0)
     svg = drawn(panel(values))
     (path,) = re.findall(r'class="k k0" d="([^"]*)"', svg)
@@ -90,7 +90,7 @@ def test_a_gap_and_a_signal_without_a_value_are_shown() -> None:
         assert "nan" not in drawn(panel(broken))
 
 
-def test_a_step_keeps_its_corners_and_a_level_line_has_no_more_than_two_points() -> None:
+def test_steps_keep_their_corners_and_constant_lines_have_two_points() -> None:
     (path,) = re.findall(r'class="k k0" d="([^"]*)"', drawn(panel(np.where(np.arange(201) < 100, 0.0, 1.0))))
     points = [tuple(map(float, each.split())) for each in path[1:].split("L")]
     assert len(points) == 4
@@ -99,7 +99,7 @@ def test_a_step_keeps_its_corners_and_a_level_line_has_no_more_than_two_points()
     assert points[2][0] - points[1][0] < 5.0
 
 
-def test_a_bin_of_several_values_is_a_band() -> None:
+def test_a_bin_of_several_values_is_drawn_as_a_band() -> None:
     band = Panel("x", "", [SignalLine("x", np.zeros(201), np.ones(201))])
     (path,) = re.findall(r'class="k k0 b" d="([^"]*)"', drawn(band))
     assert path.endswith("Z")
@@ -107,7 +107,7 @@ def test_a_bin_of_several_values_is_a_band() -> None:
 
 
 @pytest.mark.parametrize("window", [(1.5, 2.0), (1.0, 3.0), (0.0, 9.0), (2.9, 2.95), (1.01, 1.02)])
-def test_a_window_is_reported_with_both_ends(window: tuple[float, float]) -> None:
+def test_both_ends_of_a_window_are_labelled(window: tuple[float, float]) -> None:
     svg = drawn(panel(np.zeros(201)), window=window)
     words = Page(svg).text
     assert f"triggered {window[0]:g} s" in words
@@ -118,7 +118,7 @@ def test_a_window_is_reported_with_both_ends(window: tuple[float, float]) -> Non
     assert 0.0 <= min(places) <= max(places) <= 880.0
 
 
-def test_names_of_values_stand_at_the_axis() -> None:
+def test_named_values_are_labelled_and_escaped_at_the_axis() -> None:
     own = Panel("latched", "", [SignalLine("latched", np.zeros(201), np.ones(201))])
     own.names = {0.0: "open", 1.0: "latched & <shut>"}
     words = Page(drawn(own)).text
@@ -127,7 +127,7 @@ def test_names_of_values_stand_at_the_axis() -> None:
     assert "<shut>" not in drawn(own)
 
 
-def test_a_picture_of_noise_stays_small() -> None:
+def test_a_plot_of_noise_stays_small() -> None:
     rng = np.random.default_rng(1)
     times = np.arange(1000) * 0.001
     low, high = rng.normal(-5, 1, 1000), rng.normal(5, 1, 1000)
@@ -135,7 +135,7 @@ def test_a_picture_of_noise_stays_small() -> None:
     assert len(trace_svg(picture, "noise")) < 30_000
 
 
-def test_a_single_tick_is_a_picture_too() -> None:
+def test_a_single_tick_can_be_plotted() -> None:
     one = np.array([1.0])
     picture = Picture(one, [Panel("x", "", [SignalLine("x", one, one)])], (1.0, 1.0), "window opens")
     assert "nan" not in trace_svg(picture, "<one & only>")

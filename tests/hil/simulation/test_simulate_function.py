@@ -1,4 +1,4 @@
-"""`simulate` from Python: the table is in the result, or in a file, and is the same."""
+"""`simulate` from Python: the table in the result equals that in a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.errors import ConfigError
 OPENING = {"voltage": 12.0, "duration": 0.05, "every": 5, "seed": 3, "settings": ["environment.road_slope_deg=8"]}
 
 
-def test_the_table_in_memory_is_that_of_a_file(tmp_path: Path) -> None:
+def test_the_table_in_memory_equals_that_in_a_file(tmp_path: Path) -> None:
     found = lh.simulate(**OPENING)
     target = tmp_path / "opening.csv"
     written = lh.simulate(output=target, **OPENING)
@@ -27,7 +27,7 @@ def test_the_table_in_memory_is_that_of_a_file(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_a_run_that_is_stopped_has_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stopped_simulation_returns_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     from liftgate_hil.simulation.request import SimulateRequest
     from liftgate_hil.simulation.simulate import simulated
 
@@ -47,6 +47,6 @@ def test_a_run_that_is_stopped_has_the_rows_so_far(monkeypatch: pytest.MonkeyPat
         ({"voltage": 1.0, "output": "x.txt"}, "`output` x.txt"),
     ],
 )
-def test_wrong_arguments_are_refused(more: dict[str, object], text: str) -> None:
+def test_wrong_arguments_of_simulate_are_refused(more: dict[str, object], text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         lh.simulate(duration=0.01, **more)

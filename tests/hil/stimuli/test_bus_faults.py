@@ -37,13 +37,13 @@ def of(frames: list[Any], identifier: int) -> list[tuple[float, bytes]]:
 
 @cache
 def sound(seconds: float) -> tuple[list[Any], Any, Any]:
-    """Frames that a gate without faults sends in these seconds, and its truth and sensor readings at the end."""
+    """Frames of a gate without faults in these seconds, and its truth and sensor readings at the end."""
     gate = opening()
     return gate.step(seconds), gate.truth, gate.sensed
 
 
 def pair(kind: str, seconds: float = 0.5, **values: Any) -> tuple[list[Any], list[Any]]:
-    """What a sound gate and one with a fault have sent; what is so is the same to the bit."""
+    """Frames sent by a gate without and by one with a fault; asserts that their truths are bit-identical."""
     said, truth, sensed = sound(seconds)
     broken = opening()
     broken.fault(kind, **values)
@@ -62,7 +62,7 @@ def others(frames: list[Any], identifier: int) -> list[tuple[float, int, bytes]]
     ]
 
 
-def test_frames_are_lost_with_their_probability_each_and_those_of_other_messages_are_not() -> None:
+def test_frames_are_lost_with_the_given_probability_and_those_of_other_messages_are_not() -> None:
     said, heard = pair("frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=7)
     left, all_left = of(heard, LEFT), of(said, LEFT)
     assert set(left) < set(all_left)
@@ -76,20 +76,20 @@ def test_frames_are_lost_with_their_probability_each_and_those_of_other_messages
         assert (of(gate.step(0.5), LEFT) == begin) == is_same
 
 
-def test_frames_come_later_by_the_delay() -> None:
+def test_delayed_frames_are_sent_later_by_the_delay() -> None:
     said, heard = pair("frame_delayed", 0.5, where="LeftDrive", direction="sent", delay_s=0.023)
     late = [(round(time + 0.023, 6), data) for time, data in of(said, LEFT)]
     assert of(heard, LEFT) == [each for each in late if each[0] <= 1.0]
     assert others(heard, LEFT) == others(said, LEFT)
 
 
-def test_each_frame_comes_twice() -> None:
+def test_repeated_frames_are_sent_twice() -> None:
     said, heard = pair("frame_repeated", where="LeftDrive", direction="sent")
     assert of(heard, LEFT) == [each for each in of(said, LEFT) for _ in range(2)]
     assert others(heard, LEFT) == others(said, LEFT)
 
 
-def test_one_bit_is_another_one() -> None:
+def test_a_corrupted_frame_has_exactly_one_random_bit_flipped() -> None:
     said, heard = pair("frame_corrupted", 2.0, where="LeftDrive", direction="sent")
     places = Counter()
     for (then, good), (when, bad) in zip(of(said, LEFT), of(heard, LEFT), strict=True):
@@ -107,7 +107,7 @@ def decoded(data: bytes) -> dict[str, Any]:
     return values
 
 
-def test_the_counter_stands_still_under_a_checksum_that_is_right() -> None:
+def test_a_frozen_counter_has_a_correct_checksum() -> None:
     said, heard = pair("wrong_counter", where="LeftDrive", direction="sent")
     good, bad = ([decoded(data) for _, data in of(each, LEFT)] for each in (said, heard))
     before = (int(good[0]["AliveCounter"]) - 1) % 16
@@ -117,7 +117,7 @@ def test_the_counter_stands_still_under_a_checksum_that_is_right() -> None:
         assert data[7] == j1850(LEFT, data, 7)
 
 
-def test_the_checksum_is_wrong_and_all_else_is_right() -> None:
+def test_a_checksum_fault_changes_only_the_checksum() -> None:
     said, heard = pair("wrong_checksum", where="LeftDrive", direction="sent")
     for (_, good), (_, bad) in zip(of(said, LEFT), of(heard, LEFT), strict=True):
         assert bad[:7] == good[:7]
@@ -125,12 +125,12 @@ def test_the_checksum_is_wrong_and_all_else_is_right() -> None:
     assert others(heard, LEFT) == others(said, LEFT)
 
 
-def test_a_frame_is_too_short() -> None:
+def test_a_truncated_frame_is_too_short() -> None:
     said, heard = pair("wrong_length", where="LeftDrive", direction="sent")
     assert [data for _, data in of(heard, LEFT)] == [data[:7] for _, data in of(said, LEFT)]
 
 
-def test_the_data_stay_as_they_were() -> None:
+def test_a_frozen_frame_keeps_its_data() -> None:
     said, heard = pair("frame_frozen", where="LeftDrive", direction="sent")
     assert {data for _, data in of(heard, LEFT)} == {last_before(LEFT)}
     assert len(of(heard, LEFT)) == len(of(said, LEFT))
@@ -138,13 +138,13 @@ def test_the_data_stay_as_they_were() -> None:
 
 @cache
 def last_before(identifier: int) -> bytes:
-    """The last frame of a message in `opening`, which the faults of `pair` come after."""
+    """Last frame of a message in `opening`, before the faults of `pair` begin."""
     gate = lh.Gate(initial=30, seed=3)
     gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
     return of(gate.step(0.5), identifier)[-1][1]
 
 
-def test_what_stays_is_the_last_frame_before_each_time_that_an_intermittent_fault_comes() -> None:
+def test_an_intermittent_freeze_holds_the_last_frame_before_each_onset() -> None:
     broken = opening()
     times = {"period_s": 0.1, "share": 0.35}
     broken.fault("frame_frozen", where="LeftDrive", direction="sent", **times)
@@ -159,8 +159,8 @@ def test_what_stays_is_the_last_frame_before_each_time_that_an_intermittent_faul
             assert heard[place][1] == last
 
 
-def test_of_several_faults_of_a_message_each_acts_on_what_those_before_it_leave() -> None:
-    """In the order of the file: the one that freezes holds a checksum that is right, or one that is not."""
+def test_several_faults_of_a_message_act_in_the_order_of_the_file() -> None:
+    """A freeze before or after a checksum fault holds a correct or a wrong checksum."""
     for kinds, is_right in (
         (("wrong_checksum", "frame_frozen"), False),
         (("frame_frozen", "wrong_checksum"), False),
@@ -175,7 +175,7 @@ def test_of_several_faults_of_a_message_each_acts_on_what_those_before_it_leave(
             assert (data[7] == j1850(LEFT, data, 7)) == is_right, kinds
 
 
-def test_a_frame_that_freezes_before_any_was_sent_is_the_first() -> None:
+def test_a_freeze_before_the_first_frame_holds_the_first_frame() -> None:
     gate = lh.Gate(initial=30, seed=3)
     gate.fault("frame_frozen", where="LeftDrive", direction="sent")
     sent = of(gate.step(0.05), LEFT)
@@ -183,14 +183,14 @@ def test_a_frame_that_freezes_before_any_was_sent_is_the_first() -> None:
     assert {data for _, data in sent} == {sent[0][1]}
 
 
-def test_each_message_is_frozen_for_itself_where_none_is_named() -> None:
+def test_a_freeze_without_a_message_freezes_each_message_separately() -> None:
     said, heard = pair("frame_frozen", direction="sent")
     for identifier in {each.arbitration_id for each in said}:
         assert {data for _, data in of(heard, identifier)} == {last_before(identifier)}
 
 
 @pytest.mark.parametrize(("identifier", "rate"), [(0x5, 300.0), (0x18FF0001, 2500.0)])
-def test_somebody_sends_without_end(identifier: int, rate: float) -> None:
+def test_a_babbling_node_sends_without_end(identifier: int, rate: float) -> None:
     said, heard = pair("babbling", 1.0, direction="sent", id=identifier, rate=rate)
     added = of(heard, identifier)
     assert abs(len(added) - rate) <= 1 + rate * 0.001  # the first tick sends one
@@ -199,7 +199,7 @@ def test_somebody_sends_without_end(identifier: int, rate: float) -> None:
     assert others(heard, identifier) == others(said, identifier)
 
 
-def test_who_is_off_the_bus_neither_sends_nor_receives() -> None:
+def test_a_gate_in_bus_off_neither_sends_nor_receives() -> None:
     gate = opening()
     before = gate.summary.received
     off = gate.fault("bus_off")
@@ -225,7 +225,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("kind", "values", "count", "goes_on"), COMMANDS, ids=[each[0] for each in COMMANDS])
-def test_what_the_gate_gets_of_a_command_is_as_the_fault_says(
+def test_a_fault_of_received_commands_acts_on_the_gate(
     kind: str, values: dict[str, Any], count: str | None, goes_on: bool
 ) -> None:
     gate = opening()
@@ -246,7 +246,7 @@ def test_what_the_gate_gets_of_a_command_is_as_the_fault_says(
         assert gate.truth["left_current_a"] > 0.3
 
 
-def test_a_delayed_command_acts_so_much_later_and_no_later() -> None:
+def test_a_delayed_command_acts_later_by_exactly_the_delay() -> None:
     prompt, late = lh.Gate(initial=30, seed=3), lh.Gate(initial=30, seed=3)
     late.fault("frame_delayed", where="DriveCommand", direction="received", delay_s=0.05)
     for gate in (prompt, late):
@@ -259,7 +259,7 @@ def test_a_delayed_command_acts_so_much_later_and_no_later() -> None:
     assert began[1].index(True) - began[0].index(True) == 50
 
 
-def test_what_is_on_its_way_arrives_though_the_fault_is_mended() -> None:
+def test_delayed_frames_still_arrive_after_the_fault_is_cleared() -> None:
     said, broken = opening().step(0.2), opening()
     fault = broken.fault("frame_delayed", where="LeftDrive", direction="sent", delay_s=0.05)
     heard = broken.step(0.1)
@@ -269,7 +269,7 @@ def test_what_is_on_its_way_arrives_though_the_fault_is_mended() -> None:
     assert len(of(heard, LEFT)) == len(of(said, LEFT))
 
 
-def test_a_fault_goes_on_where_it_is_when_another_one_comes() -> None:
+def test_a_fault_continues_unchanged_when_another_one_begins() -> None:
     def heard(with_another: bool) -> list[tuple[float, bytes]]:
         gate = opening()
         gate.fault("frame_lost", where="LeftDrive", direction="sent", probability=0.5)
@@ -319,7 +319,7 @@ eventually = "gate_angle_deg > 42"
 """
 
 
-def test_a_run_has_the_same_frames_on_every_clock_and_every_time(tmp_path: Path) -> None:
+def test_runs_with_bus_faults_repeat_bit_for_bit_on_every_clock(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", SCENARIO)
     logs = []
     for name, clock in (("a", "free"), ("b", "free"), ("c", "lockstep")):
@@ -334,7 +334,7 @@ def test_a_run_has_the_same_frames_on_every_clock_and_every_time(tmp_path: Path)
     assert Counter(logs[0]) == Counter(logs[2])
 
 
-def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
+def test_faults_of_sent_frames_reach_the_reference_ecu(tmp_path: Path) -> None:
     def travel(fault: str) -> float:
         path = text_file(tmp_path / "s.toml", SCENARIO.split("[[fault]]", maxsplit=1)[0] + fault)
         return lh.run(path).maxima["gate_angle_deg"]
@@ -363,7 +363,7 @@ def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
         ({"kind": "frame_delayed", "direction": "sent"}, "delay_s: missing"),
     ],
 )  # fmt: skip
-def test_what_is_no_fault_of_this_bus_is_reported(arguments: dict[str, Any], said: str) -> None:
+def test_a_fault_that_does_not_fit_the_bus_is_reported(arguments: dict[str, Any], said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault(**arguments)
     assert said in str(caught.value)
@@ -378,7 +378,7 @@ def test_what_is_no_fault_of_this_bus_is_reported(arguments: dict[str, Any], sai
          "fault[0].kind: bus_off: there is no bus"),
     ],
 )  # fmt: skip
-def test_what_the_bus_lacks_is_reported_before_the_run(
+def test_a_message_that_the_bus_lacks_is_reported_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str, arguments: tuple[str, ...], said: str
 ) -> None:
     expect = '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'
@@ -387,13 +387,13 @@ def test_what_the_bus_lacks_is_reported_before_the_run(
     assert said in capsys.readouterr().err
 
 
-def test_a_quantity_names_the_message_that_carries_it() -> None:
+def test_a_bus_fault_can_name_a_quantity_in_place_of_its_message() -> None:
     _, heard = pair("frame_lost", 0.1, where="left_current", direction="sent")
     assert of(heard, LEFT) == []
     assert len(of(heard, RIGHT)) == 20
 
 
-def test_a_quantity_that_is_received_and_sent_names_the_message_of_the_faults_direction() -> None:
+def test_a_quantity_both_received_and_sent_means_the_message_of_the_faults_direction() -> None:
     """`road_slope` comes from the test bench, and is sent by a sensor."""
     with lh.Gate() as gate:
         gate.fault("frame_lost", where="road_slope", direction="sent")

@@ -1,4 +1,4 @@
-"""What begins once a condition has come true, and faults over time."""
+"""Stimuli that wait for a condition, and faults over time."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ OPENING = 'duration = 3.0\ninitial = 30\n[[request]]\ntime = 0.1\naction = "open
 
 
 def first_tick(result: lh.Result, column: str, above: float) -> int:
-    """The first row in which a column is above a value."""
+    """Return the first row in which a column exceeds a value."""
     return int(np.argmax(result.trace[column] > above))
 
 
 @pytest.mark.parametrize("delay", [0, 250])  # ticks
-def test_what_waits_for_a_condition_acts_from_the_tick_after_it_came_true_and_its_delay(
+def test_a_stimulus_acts_from_the_tick_after_its_condition_came_true_plus_its_delay(
     tmp_path: Path, delay: int
 ) -> None:
     fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nstart = "gate_angle_deg > 32"\n'
@@ -44,8 +44,8 @@ def test_what_waits_for_a_condition_acts_from_the_tick_after_it_came_true_and_it
     assert np.all(current[begin + 1 :] == 0.0)
 
 
-def test_a_fault_lasts_as_long_as_it_says_from_its_start(tmp_path: Path) -> None:
-    """In ticks from where it began, whatever its condition does meanwhile."""
+def test_the_duration_of_a_fault_counts_from_its_start(tmp_path: Path) -> None:
+    """Counted in ticks from its begin, whatever its condition does meanwhile."""
     fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nfor_s = 0.3\n'
     result = ran(tmp_path, OPENING + fault + 'start = "gate_angle_deg > 32"\ndelay_s = 0.1\n')
     begin = first_tick(result, "gate_angle_deg", 32.0) + 1 + 100
@@ -58,7 +58,7 @@ def test_a_fault_lasts_as_long_as_it_says_from_its_start(tmp_path: Path) -> None
     assert np.flatnonzero(current[500:-1] == 0.0).tolist() == list(range(500, 800))
 
 
-def test_an_end_counts_once_it_has_begun(tmp_path: Path) -> None:
+def test_the_end_condition_of_a_fault_is_evaluated_only_after_its_start(tmp_path: Path) -> None:
     # The rate is above 1 long before the fault begins.
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 1.5\nend = "gate_rate_degps > 1"\n'
     result = ran(tmp_path, OPENING + fault)
@@ -76,7 +76,7 @@ def test_a_request_waits_for_a_condition_or_a_frame(tmp_path: Path) -> None:
     assert 33.0 < result.trace["gate_angle_deg"][-1] < 36.0
 
 
-def test_an_obstacle_comes_and_goes_with_conditions(tmp_path: Path) -> None:
+def test_an_obstacle_appears_and_disappears_by_conditions(tmp_path: Path) -> None:
     text = (
         'duration = 3.0\ninitial = 50\n[[request]]\ntime = 0.1\naction = "close"\n'
         '[[obstacle]]\nangle_deg = 45\nstart = "gate_rate_degps < -3"\nend = "pinch_force_n > 20"\n'
@@ -98,7 +98,7 @@ def test_an_intermittent_fault_is_on_in_the_first_part_of_each_period(tmp_path: 
     assert on[200:2000].tolist() == expected
 
 
-def test_a_parameter_goes_to_its_value_in_a_straight_line(tmp_path: Path) -> None:
+def test_a_ramped_fault_parameter_changes_linearly_to_its_value(tmp_path: Path) -> None:
     text = (
         'duration = 3.0\ninitial = 30\n[[fault]]\nkind = "parameter"\nkey = "supply.voltage"\n'
         "value = 9.0\nstart = 1.0\nend = 2.5\nramp_s = 1.0\n"
@@ -111,7 +111,7 @@ def test_a_parameter_goes_to_its_value_in_a_straight_line(tmp_path: Path) -> Non
     assert volts[2501] == 12.0
 
 
-def test_every_loop_makes_the_same_of_it(tmp_path: Path) -> None:
+def test_conditional_stimuli_act_alike_in_every_loop(tmp_path: Path) -> None:
     text = OPENING + (
         '[[fault]]\nkind = "hall_missing"\nprobability = 0.2\nstart = "gate_angle_deg > 31"\n'
         '[[fault]]\nkind = "spring_weak"\nfactor = 0.5\nstart = 1.0\nperiod_s = 0.5\nshare = 0.5\n'
@@ -138,18 +138,18 @@ def test_every_loop_makes_the_same_of_it(tmp_path: Path) -> None:
         ('[[obstacle]]\nangle_deg = 30\nend = "latched"', "obstacle[0].end: 'latched' is not a comparison"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_them_is_reported(tmp_path: Path, table: str, said: str) -> None:
+def test_mistakes_in_conditional_stimuli_are_reported(tmp_path: Path, table: str, said: str) -> None:
     issues = issues_of(ran, tmp_path, f"duration = 1.0\n{table}\n")
     assert any(said in issue for issue in issues)
     assert all(issue.startswith(str(tmp_path / "s.toml")) for issue in issues)
 
 
-def test_a_drive_that_is_not_there_cannot_break(tmp_path: Path) -> None:
+def test_a_fault_of_a_missing_drive_is_refused(tmp_path: Path) -> None:
     text = 'duration = 1.0\n[[fault]]\nkind = "motor_open"\nwhere = "right"\nstart = "right_current_a > 1"\n'
     assert keys_of(issues_of(ran, tmp_path, text, vehicle="compact")) == ["fault[0].where", "fault[0].start"]
 
 
-def test_where_a_stimulus_never_came_nothing_passes(tmp_path: Path) -> None:
+def test_no_expectation_passes_if_a_stimulus_never_occurred(tmp_path: Path) -> None:
     text = (
         'duration = 0.2\n[[fault]]\nkind = "motor_open"\nstart = "gate_angle_deg > 500"\n'
         '[[expect]]\nname = "holds"\nalways = "1 < 2"\n[[expect]]\nname = "fails"\nalways = "2 < 1"\n'
@@ -160,7 +160,7 @@ def test_where_a_stimulus_never_came_nothing_passes(tmp_path: Path) -> None:
     assert found["fails"].verdict == "fail"
 
 
-def test_all_stimuli_that_never_came_are_named(tmp_path: Path) -> None:
+def test_all_stimuli_that_never_occurred_are_named(tmp_path: Path) -> None:
     text = (
         'duration = 0.2\n[[fault]]\nkind = "motor_open"\nstart = "gate_angle_deg > 500"\n'
         '[[request]]\naction = "open"\ntime = "left_duty > 3"\n'
@@ -174,7 +174,7 @@ def test_all_stimuli_that_never_came_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("state", ["present", "absent"])
-def test_no_verdict_is_passed_on_a_trouble_code_whose_fault_never_came(tmp_path: Path, state: str) -> None:
+def test_a_trouble_code_is_inconclusive_if_its_fault_never_occurred(tmp_path: Path, state: str) -> None:
     text = (
         'duration = 1.0\n[[fault]]\nkind = "motor_open"\nwhere = "left"\nstart = "gate_angle_deg > 500"\n'
         f'[[expect]]\nname = "code"\ndtc = "B1A01"\nstate = "{state}"\n'
@@ -184,13 +184,13 @@ def test_no_verdict_is_passed_on_a_trouble_code_whose_fault_never_came(tmp_path:
     assert verdict.reason == "fault[0].start never came: gate_angle_deg > 500"
 
 
-def test_a_delay_is_added_to_a_time_too(tmp_path: Path) -> None:
+def test_a_delay_is_added_to_a_start_time_too(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 0.5\nend = 1.0\ndelay_s = 0.25\n'
     coast = ran(tmp_path, OPENING + fault).trace["left_coast"]
     assert coast[200:2000].tolist() == [float(750 <= k < 1250) for k in range(200, 2000)]
 
 
-def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
+def test_an_on_or_off_time_shorter_than_a_tick_is_refused(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nperiod_s = 0.01\nshare = 0.05\n'
     with pytest.raises(ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"):
         ran(tmp_path, OPENING + fault)
@@ -200,7 +200,7 @@ def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
 @CALM
 @given(FORMULAS, st.lists(VALUES, min_size=5, max_size=5))
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(formula: Made, values: list[float]) -> None:
+def test_the_pre_filter_of_a_condition_skips_no_true_tick(formula: Made, values: list[float]) -> None:
     text, value = formula
     known = dict(zip([*COLUMNS, *SIGNALS], values, strict=True))
     try:
@@ -228,6 +228,6 @@ def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(formula: M
         ("2 * gate_angle_deg > 33", "", -np.inf, np.inf),
     ],
 )
-def test_by_which_column_most_ticks_are_reported(text: str, column: str, low: float, high: float) -> None:
+def test_the_pre_filter_is_a_range_of_one_column(text: str, column: str, low: float, high: float) -> None:
     place = COLUMN_PLACE[column] if column else -1
     assert necessary(parsed(text, {})) == (place, low, high)

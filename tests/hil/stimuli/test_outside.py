@@ -30,7 +30,7 @@ def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
 
 
 def by_name(around: Outside) -> dict[str, float]:
-    """Values that commands have set, by their names."""
+    """Commanded values by their names."""
     obstacle = {f"obstacle_{name}": value for name, value in around.commanded_obstacle._asdict().items()}
     return {**around.commanded._asdict(), **obstacle, **around.timing._asdict()}
 
@@ -42,7 +42,7 @@ def same(first: dict[str, float], second: dict[str, float]) -> bool:
 
 
 @BOTH
-def test_every_profile_moves_the_quantity_of_its_name(which: str) -> None:
+def test_every_profile_changes_the_quantity_of_its_name(which: str) -> None:
     said = distinct(Surroundings)._asdict()
     # In another order than the catalogue's.
     stimuli = stimuli_alone(
@@ -54,7 +54,7 @@ def test_every_profile_moves_the_quantity_of_its_name(which: str) -> None:
 
 
 @BOTH
-def test_a_timeline_without_profiles_says_nothing(which: str) -> None:
+def test_a_timeline_without_profiles_sets_no_value(which: str) -> None:
     around = called(outside_at, which)(stimuli_alone(), 1.0, 0.001, 0, False, False)
     assert all(math.isnan(value) for value in around.profiles)
     assert all(math.isnan(value) for value in by_name(around).values())
@@ -62,7 +62,7 @@ def test_a_timeline_without_profiles_says_nothing(which: str) -> None:
 
 
 @BOTH
-def test_every_field_of_a_timelines_obstacle_is_its_own(which: str) -> None:
+def test_every_field_of_a_timelines_obstacle_is_kept_under_its_name(which: str) -> None:
     obstacle = distinct(Obstacle)
     stimuli = stimuli_alone(TimedStimuli({}, [TimedObstacle(obstacle, Instant(1.0), Instant(2.0))]))
     assert called(obstacle_at, which)(stimuli.timeline, no_moments(), 1.5) == obstacle
@@ -83,7 +83,7 @@ def test_every_commanded_value_is_held_under_its_name(which: str) -> None:
     assert stimuli.queue.head.tolist() == [len(HELD._fields)] * 2
 
 
-def test_values_that_lie_apart_are_held_by_one_call() -> None:
+def test_one_call_sets_several_unrelated_values() -> None:
     stimuli = stimuli_alone()
     obstacle, timing = distinct(Obstacle), distinct(Timing)
     body = {f"obstacle_{name}": value for name, value in obstacle._asdict().items()}
@@ -97,7 +97,7 @@ def test_values_that_lie_apart_are_held_by_one_call() -> None:
     assert all(math.isnan(value) for value in others)
 
 
-def test_flags_and_missed_ticks_are_distinguished() -> None:
+def test_silent_and_stop_flags_and_missed_ticks_are_passed_separately() -> None:
     for silent in (False, True):
         for stop in (False, True):
             around = compiled(outside_at)(stimuli_alone(), 0.0, 0.001, 17, silent, stop)
@@ -105,7 +105,7 @@ def test_flags_and_missed_ticks_are_distinguished() -> None:
 
 
 @BOTH
-def test_commands_are_taken_in_their_order_and_a_full_queue_takes_no_more(which: str) -> None:
+def test_commands_are_applied_in_order_and_a_full_queue_refuses_more(which: str) -> None:
     stimuli = stimuli_alone()
     take, held = called(take_posted, which), stimuli.held
     for turn in range(3):

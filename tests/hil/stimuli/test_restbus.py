@@ -1,4 +1,4 @@
-"""The restbus: what other control units send, from scenarios and by hand, and that the gate does not feel it."""
+"""Restbus: frames of other control units from scenarios and from Python; they do not affect the gate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONFIGS = Path(RIG.source).parents[1]
 
 
 def recorded(folder: Path, text: str, **more: Any) -> tuple[Any, list[tuple[float, int, bytes]]]:
-    """A run, and the frames that the bench sent: (time, identifier, payload)."""
+    """A run, and the frames sent by the bench: (time, identifier, payload)."""
     (folder / "s.toml").write_text("duration = 1.0\n" + text, encoding="utf-8")
     log = folder / "s.log"
     result = lh.run(folder / "s.toml", record=log, **more)
@@ -41,7 +41,7 @@ def of(frames: list[tuple[float, int, bytes]], identifier: int) -> list[tuple[fl
 SPEED = '[[signal]]\nsignal = "Body.VehicleSpeed"\n'
 
 
-def test_a_message_comes_in_its_cycle_with_counter_checksum_and_start_values(tmp_path: Path) -> None:
+def test_a_restbus_message_has_its_cycle_counter_checksum_and_start_values(tmp_path: Path) -> None:
     _, frames = recorded(tmp_path, SPEED + "time = 0.45\nvalue = 12.5\n")
     own = of(frames, BODY)
     assert [time for time, _ in own] == pytest.approx([0.1 * n for n in range(1, 11)])
@@ -54,14 +54,14 @@ def test_a_message_comes_in_its_cycle_with_counter_checksum_and_start_values(tmp
         assert (said["Ignition"], said["KeyInRange"], said["Gear"]) == (1, 1, 0)
 
 
-def test_a_change_is_in_the_first_frame_at_or_after_its_time(tmp_path: Path) -> None:
+def test_a_signal_change_is_in_the_first_frame_at_or_after_its_time(tmp_path: Path) -> None:
     text = "".join(f"{SPEED}time = {time}\nvalue = {time}\n" for time in (0.3, 0.7, 0.7))
     _, frames = recorded(tmp_path, text)
     speeds = [int.from_bytes(payload[1:3], "little") / 100 for _, payload in of(frames, BODY)]
     assert speeds == [0, 0, 0.3, 0.3, 0.3, 0.3, 0.7, 0.7, 0.7, 0.7]
 
 
-def test_a_change_waits_for_its_condition(tmp_path: Path) -> None:
+def test_a_signal_change_waits_for_its_condition(tmp_path: Path) -> None:
     ask = '[[request]]\ntime = 0.1\naction = "open"\n'
     text = ask + SPEED + 'time = "left_current_a > 1"\ndelay_s = 0.2\nvalue = 7\n'
     result, frames = recorded(tmp_path, text, trace=True)
@@ -71,7 +71,7 @@ def test_a_change_waits_for_its_condition(tmp_path: Path) -> None:
         assert (payload[1:3] != b"\0\0") == (time >= came)
 
 
-def test_the_gate_and_its_frames_are_the_same_with_and_without_a_restbus(tmp_path: Path) -> None:
+def test_a_restbus_does_not_affect_the_gate_and_its_frames(tmp_path: Path) -> None:
     ask = '[[request]]\ntime = 0.1\naction = "open"\n'
     alone, said = recorded(tmp_path, ask)
     beside, heard = recorded(tmp_path, ask + SPEED + "value = 30\n")
@@ -79,7 +79,7 @@ def test_the_gate_and_its_frames_are_the_same_with_and_without_a_restbus(tmp_pat
     assert [each for each in heard if each[1] not in (BODY, BUTTON)] == said
 
 
-def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
+def test_labels_of_the_database_can_be_signal_values(tmp_path: Path) -> None:
     text = '[[signal]]\nsignal = "Body.Ignition"\nvalue = "crank"\n'
     _, frames = recorded(tmp_path, text)
     assert {payload[0] & 3 for _, payload in of(frames, BODY)} == {2}
@@ -96,15 +96,15 @@ def rig_with(folder: Path, protection: str) -> Path:
     return text_file(folder / "their.toml", text)
 
 
-def test_what_is_wrong_with_its_protection_is_reported_with_the_file(tmp_path: Path) -> None:
-    """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
+def test_wrong_protection_of_a_restbus_message_is_reported_with_the_file(tmp_path: Path) -> None:
+    """The message has no mapped signal, so that only a scenario that sets its signal uses it."""
     rig = rig_with(tmp_path, 'checksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n')
     assert issues_of(recorded, tmp_path, SPEED + "value = 30\n", rig=rig) == [
         f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
     ]
 
 
-def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_restbus_messages_have_the_protection_of_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Judged by an ECU's receiver; in plain Python, as a rig with profiles has machine code of its own."""
     monkeypatch.setenv("LIFTGATE_COMPILE", "0")
     rig = load_rig(rig_with(tmp_path, f'{OWN}protection = "e2e-p01"\ndata_id = 0x1234\n'))
@@ -129,14 +129,14 @@ def test_its_messages_are_protected_as_the_rig_says(tmp_path: Path, monkeypatch:
     assert receive(bus, reception, NO_COUNTS, frames_of([(BODY, bent)]), 10**9).accepted == 0
 
 
-def test_a_fault_on_the_bus_is_one_of_its_messages_too(tmp_path: Path) -> None:
+def test_bus_faults_apply_to_restbus_messages_too(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "frame_lost"\nwhere = "Body"\ndirection = "sent"\nstart = 0.55\n'
     _, frames = recorded(tmp_path, SPEED + "value = 30\n" + fault)
     assert [time for time, _ in of(frames, BODY)] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
     assert len(of(frames, 0x210)) == 201  # the last one when the run ends
 
 
-def test_by_hand_a_signal_is_sent_until_it_is_changed() -> None:
+def test_a_signal_set_from_python_is_sent_until_changed() -> None:
     with lh.Gate() as gate:
         assert not [each for each in gate.step(0.2) if each.arbitration_id == BODY]
         gate.signal("Body.VehicleSpeed", 30)
@@ -163,7 +163,7 @@ def test_by_hand_a_signal_is_sent_until_it_is_changed() -> None:
 
 
 def issue_of(folder: Path, text: str) -> str:
-    """The one thing that is wrong with a scenario, behind the name of its file."""
+    """The single issue of a scenario, without the name of its file."""
     path = text_file(folder / "s.toml", f"duration = 1.0\n{text}")
     (issue,) = issues_of(lh.run, path)
     assert issue.startswith(f"{path}: ")
@@ -193,7 +193,7 @@ def test_a_value_that_the_signal_cannot_have_is_reported(tmp_path: Path, value: 
     assert "allowed: " in issue
 
 
-def test_the_scenario_of_a_gate_without_a_bus_leaves_it_out(tmp_path: Path) -> None:
+def test_an_offline_simulation_ignores_the_restbus(tmp_path: Path) -> None:
     from liftgate_hil.plan.setup import setup_of
     from liftgate_hil.plan.stimulation import offline_of
 

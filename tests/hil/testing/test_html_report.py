@@ -1,4 +1,4 @@
-"""The report for people: what is in it, that it is harmless, and that it stays small."""
+"""HTML report of a suite: contents, escaping, and size."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ def page(outcomes: list[Outcome]) -> Any:
     return Page(html_of(outcomes))
 
 
-def test_a_report_is_one_file_that_runs_nothing_and_fetches_nothing(page: Any) -> None:
+def test_an_html_report_is_one_file_without_scripts_and_external_links(page: Any) -> None:
     page.check_alone()
     assert page.links
 
 
-def test_the_summary_says_how_it_went_and_the_end_where_it_is_from(page: Any) -> None:
+def test_an_html_report_begins_with_a_summary_and_ends_with_its_provenance(page: Any) -> None:
     head = page.text[: page.text.index("Not passed")]
     for said in (
         "Test report: fail", "5, of which 3 pass, 1 fail, 1 inconclusive, 0 error", "20.0 % of the expectations",
@@ -106,7 +106,7 @@ def test_the_summary_says_how_it_went_and_the_end_where_it_is_from(page: Any) ->
     assert len(re.findall(r"\b[0-9a-f]{64}\b", tail)) == 5  # vehicle, rig, dbc, two scenarios
 
 
-def test_requirements_lead_to_scenarios_and_expectations(page: Any) -> None:
+def test_requirements_link_to_scenarios_and_expectations(page: Any) -> None:
     matrix = page.text[page.text.index("Requirements") : page.text.index("Force limits")]
     first, second, none = (matrix.index(each) for each in ("LG-12", "LG-7", "none"))
     assert first < second < none
@@ -119,7 +119,7 @@ def test_requirements_lead_to_scenarios_and_expectations(page: Any) -> None:
     assert {"#s1", "#s1e2", "#s2e1"} <= set(page.links)
 
 
-def test_a_limit_is_listed_with_the_rule_that_has_the_same_value(page: Any, tmp_path: Path) -> None:
+def test_a_force_limit_is_listed_with_the_regulation_of_equal_value(page: Any, tmp_path: Path) -> None:
     part = page.text[page.text.index("Force limits") : page.text.index("Scenarios")]
     assert "UN R21 (1.5 and 5.8)" in part
     assert "FMVSS 118" in part
@@ -136,7 +136,7 @@ def test_a_limit_is_listed_with_the_rule_that_has_the_same_value(page: Any, tmp_
     assert "Force limits" not in Page(html_of([outcome])).text
 
 
-def test_a_limit_on_the_time_above_is_the_vehicle_s(tmp_path: Path) -> None:
+def test_a_limit_on_the_time_over_a_force_uses_the_vehicles_limit(tmp_path: Path) -> None:
     timed = '[set]\n"gate.pinch_limit" = 150\n' + RESTS.split("\n", 1)[1]
     timed = "duration = 0.2\n" + timed.replace("gate_angle_deg < 1", "pinch_over_limit_s < 0.75")
     told = Page(html_of(outcomes_of(tmp_path, timed=timed))).text
@@ -144,7 +144,7 @@ def test_a_limit_on_the_time_above_is_the_vehicle_s(tmp_path: Path) -> None:
     assert "timed.toml: rests (time over it)" in told
 
 
-def test_included_files_are_sources_too(tmp_path: Path) -> None:
+def test_included_files_are_listed_as_sources(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text("[parameters]\nmost = 1\n")
     including = 'include = ["bench.toml"]\n' + RESTS
     (outcome,) = outcomes_of(tmp_path, including=including)
@@ -153,7 +153,7 @@ def test_included_files_are_sources_too(tmp_path: Path) -> None:
     assert sources["included 1"].sha256 in Page(html_of([outcome])).text
 
 
-def test_names_in_tables_leave_out_the_folder_that_all_are_in(tmp_path: Path) -> None:
+def test_scenario_names_in_tables_omit_their_common_folder(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
     found = outcomes_of(tmp_path, **{"a": RESTS, "x/b": RESTS})
     page = Page(html_of(found))
@@ -165,7 +165,7 @@ def test_names_in_tables_leave_out_the_folder_that_all_are_in(tmp_path: Path) ->
         assert outcome.case.file in page.text
 
 
-def test_a_scenario_is_reported_in_words(page: Any, outcomes: list[Any]) -> None:
+def test_a_scenario_is_described_in_words(page: Any, outcomes: list[Any]) -> None:
     part = page.text[page.text.index("closing onto a rod") : page.text.index("What is expected")]
     for said in (
         "LG-12, LG-7", "most = 100", "starts at 50 deg, seed 0", "at 0.1 s: close is requested",
@@ -177,7 +177,7 @@ def test_a_scenario_is_reported_in_words(page: Any, outcomes: list[Any]) -> None
         assert said in part
 
 
-def test_an_expectation_has_its_formula_its_numbers_and_its_pictures(page: Any, outcomes: list[Outcome]) -> None:
+def test_an_expectation_is_shown_with_formula_numbers_and_pictures(page: Any, outcomes: list[Outcome]) -> None:
     soft, reverses, _, waits = outcomes[0].expectations
     text = page.text
     assert (soft.verdict, reverses.verdict) == ("fail", "pass")
@@ -210,7 +210,7 @@ def test_a_margin_is_drawn_from_the_limit_to_the_peak(most: float, verdict: str,
         assert [float(each) for each in ends] == [float(limit), peak]
 
 
-def test_a_stretch_without_interruption_is_drawn(outcomes: list[Outcome]) -> None:
+def test_the_hold_time_of_a_condition_is_drawn(outcomes: list[Outcome]) -> None:
     reverses = outcomes[0].expectations[1]
     assert reverses.window_s is not None
     assert reverses.margin_time_s is not None
@@ -224,7 +224,7 @@ def test_a_stretch_without_interruption_is_drawn(outcomes: list[Outcome]) -> Non
     assert float(end) - edges[0] == pytest.approx(into * pixels, abs=0.2)
 
 
-def test_time_is_no_signal_to_be_drawn_over_time(tmp_path: Path) -> None:
+def test_time_itself_is_drawn_only_if_a_condition_has_no_other_signal(tmp_path: Path) -> None:
     late = RESTS.replace("gate_angle_deg < 1", "gate_angle_deg < 1 or time_s < 0.1")
     alone = RESTS.replace("gate_angle_deg < 1", "time_s < 1")
     first, second = outcomes_of(tmp_path, late=late, alone=alone)
@@ -232,14 +232,14 @@ def test_time_is_no_signal_to_be_drawn_over_time(tmp_path: Path) -> None:
         assert ("time_s [s]" in Page(html_of([outcome])).text) == drawn
 
 
-def test_what_passes_is_folded_what_does_not_is_open(page: Any) -> None:
+def test_passed_scenarios_are_folded_and_others_are_open(page: Any) -> None:
     assert re.search(r'<details id="s1e1" open>', page.html)
     assert re.search(r'<details id="s1e2">', page.html)
     assert re.search(r'<details id="s1e4" open>', page.html)
     assert page.tags.count("svg") >= 5
 
 
-def test_texts_from_files_stay_texts(tmp_path: Path) -> None:
+def test_texts_from_files_are_escaped_in_reports(tmp_path: Path) -> None:
     name = HOSTILE.replace('"', '\\"').replace("\\u0000", "")
     content = (
         f'description = "{name}"\nrequirement = ["{name}", "{"R" * 5000}"]\nduration = 0.1\n'
@@ -263,7 +263,7 @@ def test_a_scenario_that_could_not_run_is_reported(outcomes: list[Outcome]) -> N
     assert "Test report: error" in text
 
 
-def test_pictures_take_no_more_than_their_share(outcomes: list[Outcome], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_total_size_of_pictures_is_limited(outcomes: list[Outcome], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(html_report, "MOST_PASSED", 30_000)
     many = [outcomes[1]] * 40 + [outcomes[0]] * 5 + [outcomes[1]] * 40
     many = [replace(each, case=replace(each.case, file=f"{k}.toml")) for k, each in enumerate(many)]
@@ -277,7 +277,7 @@ def test_pictures_take_no_more_than_their_share(outcomes: list[Outcome], monkeyp
     assert all("<svg" in each for each in others)  # what does not pass keeps its own
 
 
-def test_nothing_is_kept_of_what_was_drawn(outcomes: list[Outcome]) -> None:
+def test_trace_summaries_are_discarded_once_drawn(outcomes: list[Outcome]) -> None:
     result = outcomes[0].result
     assert result is not None
     assert result.trace_summaries

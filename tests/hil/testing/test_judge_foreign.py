@@ -1,4 +1,4 @@
-"""Recordings that are not ours: other names, units, rasters and clocks, gaps, a bus of somebody else's."""
+"""Judging recordings of other loggers: other names, units, rasters, clocks, gaps and buses."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def table(path: Path, head: str, rows: list[tuple[float, ...]]) -> Path:
 
 
 def ramp(path: Path, times: list[float], head: str = "time_s,gate_angle_deg") -> Path:
-    """The angle is ten times the time."""
+    """Rows whose angle is ten times the time."""
     return table(path, head, [(time, 10.0 * time) for time in times])
 
 
@@ -47,7 +47,7 @@ def even(rate: float, end: float) -> list[float]:
 
 
 @pytest.mark.parametrize("rig", ["theirs.toml", "theirs.dbc"])
-def test_a_logger_in_a_car_is_judged_by_its_own_names(rig: str) -> None:
+def test_a_car_loggers_recording_is_judged_by_its_own_names(rig: str) -> None:
     maps = [ANGLE]
     if rig == "theirs.dbc":  # which says nothing of what stands for what
         maps += [f"sensed_{a}_current_a=HK_Motor.HK_Strom{b}" for a, b in (("left", "Links"), ("right", "Rechts"))]
@@ -62,7 +62,7 @@ def test_a_logger_in_a_car_is_judged_by_its_own_names(rig: str) -> None:
     assert pinch.reason == "not in the recording: pinch_force_n"
 
 
-def test_a_map_takes_names_units_and_scales(tmp_path: Path) -> None:
+def test_a_map_sets_names_units_and_scales_for_judging(tmp_path: Path) -> None:
     path = table(
         tmp_path / "m.csv", "t;Winkel [rad];I".replace(";", ","), [(0.1 * k, 0.1 * k, -k) for k in range(9)]
     )
@@ -82,7 +82,7 @@ def test_a_map_takes_names_units_and_scales(tmp_path: Path) -> None:
     assert lh.judge([path], own, maps=[str(tmp_path / "map.toml")]) == found
 
 
-def test_parquet_and_mf4_of_others_say_the_same_as_csv(tmp_path: Path) -> None:
+def test_foreign_parquet_and_mf4_files_are_judged_like_csv(tmp_path: Path) -> None:
     import pyarrow as pa
     from asammdf import MDF, Signal
     from pyarrow import parquet
@@ -109,7 +109,7 @@ def test_parquet_and_mf4_of_others_say_the_same_as_csv(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate", [100.0, 37.0])
-def test_windows_and_stretches_are_counted_in_ticks_whatever_the_raster(tmp_path: Path, rate: float) -> None:
+def test_windows_and_hold_times_are_counted_in_ticks_at_any_sampling_rate(tmp_path: Path, rate: float) -> None:
     own = scenario(
         tmp_path,
         'name = "w"\neventually = "gate_angle_deg >= 10"\nafter = 0.5\nwithin_s = 0.4',
@@ -123,7 +123,7 @@ def test_windows_and_stretches_are_counted_in_ticks_whatever_the_raster(tmp_path
     assert found["h"].time_s == pytest.approx(first + 0.2, abs=1.1e-3)
 
 
-def test_jitter_is_no_gap_and_what_is_longer_than_usual_is_one(tmp_path: Path) -> None:
+def test_jitter_of_timestamps_is_no_gap_and_longer_intervals_are(tmp_path: Path) -> None:
     draw = np.random.default_rng(1)
     times = [0.01 * k + draw.uniform(0.0, 0.009) for k in range(200)]
     expectations = (
@@ -142,7 +142,7 @@ def test_jitter_is_no_gap_and_what_is_longer_than_usual_is_one(tmp_path: Path) -
     assert lh.judge([path], own, longest_gap=0.011)["early"].verdict == "inconclusive"
 
 
-def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(tmp_path: Path) -> None:
+def test_a_gap_concerns_its_column_only_and_an_early_end_counts_as_a_gap(tmp_path: Path) -> None:
     a = ramp(tmp_path / "a.csv", even(100.0, 1.0))
     b = table(tmp_path / "b.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100.0, 2.0)])
     own = scenario(
@@ -157,7 +157,7 @@ def test_a_gap_counts_for_the_column_that_has_it_and_what_ends_early_has_one(tmp
     assert found["a"].reason == "there is no sample of gate_angle_deg from 1 s to 2 s"
 
 
-def test_clocks_of_a_wall_count_from_the_first_stamp_and_must_be_in_all_files(tmp_path: Path) -> None:
+def test_wall_clock_times_count_from_the_first_timestamp_and_must_be_in_all_files(tmp_path: Path) -> None:
     epoch = 1_751_364_005.25
     log = tmp_path / "m.log"
     log.write_text("".join(f"({epoch + 0.01 * k:.6f}) can1 393#{400 * k:04X}00\n" for k in range(101)))
@@ -181,10 +181,10 @@ def test_a_time_0_after_the_end_is_refused(tmp_path: Path) -> None:
         lh.judge([path], own, origin=10.0)
 
 
-def test_local_dates_of_a_table_are_those_of_the_time_zone_that_is_given(
+def test_local_dates_of_a_table_are_read_in_the_given_time_zone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A log beside it, by the wall clock, is of the same moments in one zone only."""
+    """A wall-clock log beside the table covers the same times in one time zone only."""
     begin = 1_759_122_000  # 2025-09-29 13:00:00 in Shanghai, 05:00 UTC
     for zone in ("UTC", "Asia/Shanghai"):  # this computer's counts for nothing
         monkeypatch.setenv("TZ", zone)
@@ -214,14 +214,14 @@ def test_local_dates_of_a_table_are_those_of_the_time_zone_that_is_given(
         ([], "time_s: missing"),
     ],
 )
-def test_a_map_that_names_what_is_not_there_is_refused(tmp_path: Path, maps: list[str], said: str) -> None:
+def test_a_map_of_a_missing_column_is_refused(tmp_path: Path, maps: list[str], said: str) -> None:
     own = scenario(tmp_path, 'name = "x"\nalways = "gate_angle_deg < 30"')
     path = ramp(tmp_path / "m.csv", even(100.0, 1.0), "time_s,W" if maps else "t,gate_angle_deg")
     with pytest.raises(ConfigError, match=said):
         lh.judge([path], own, maps=maps, rig=CAR / "theirs.dbc")
 
 
-def test_a_rig_refuses_what_its_protection_refuses_on_the_bus(tmp_path: Path) -> None:
+def test_judging_ignores_frames_that_fail_the_rigs_protection(tmp_path: Path) -> None:
     (tmp_path / "theirs.dbc").write_bytes((CAR / "theirs.dbc").read_bytes())
     (tmp_path / "r.toml").write_text(
         (CAR / "theirs.toml").read_text() + '[messages.HK_Motor]\ncounter = "HK_Spannung"\n'
@@ -244,7 +244,7 @@ def by_hand(track: ColumnSamples, at: list[int]) -> list[float]:
 
 @CALM
 @given(st.lists(st.integers(0, 40), unique=True, max_size=12), st.lists(st.integers(-5, 45), max_size=12))
-def test_a_column_has_its_last_sample_in_each_tick(times: list[int], at: list[int]) -> None:
+def test_a_column_has_its_latest_sample_in_each_tick(times: list[int], at: list[int]) -> None:
     track = ColumnSamples(np.array(sorted(times), dtype=np.int64), np.arange(len(times), dtype=float))
     np.testing.assert_equal(track.held(np.array(at, dtype=np.int64)), by_hand(track, at))
 
@@ -252,14 +252,14 @@ def test_a_column_has_its_last_sample_in_each_tick(times: list[int], at: list[in
 @pytest.mark.parametrize(
     "head", ["left_current_a/mA", "left_current_a_mA", "left_current_a{mA}", "left_current_a in mA"]
 )
-def test_a_unit_behind_our_name_counts_in_any_form(tmp_path: Path, head: str) -> None:
+def test_a_unit_after_a_catalogue_name_is_understood_in_any_form(tmp_path: Path, head: str) -> None:
     path = table(tmp_path / "m.csv", f"time_s,{head}", [(0.1 * k, 500.0) for k in range(9)])
     own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
     assert lh.judge([path], own)["i"].margin == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("head", ["left_current_ma", "left_current_kA"])
-def test_another_unit_in_place_of_ours_is_refused(tmp_path: Path, head: str) -> None:
+def test_a_unit_that_replaces_that_of_a_catalogue_name_is_refused(tmp_path: Path, head: str) -> None:
     path = table(tmp_path / "m.csv", f"time_s,{head}", [(0.1 * k, 500.0) for k in range(9)])
     own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
     unit = head[-2:].replace("ma", "mA")
@@ -282,7 +282,7 @@ VAL_ 257 Schloss 0 "offen" 1 "Hauptraste" 2 "Vorraste" 3 "SNA";
 
 
 @pytest.mark.parametrize("also", [False, True], ids=["alone", "beside the latch"])
-def test_a_label_without_a_counterpart_takes_no_other_signal_with_it(tmp_path: Path, also: bool) -> None:
+def test_a_database_label_without_a_counterpart_does_not_affect_other_signals(tmp_path: Path, also: bool) -> None:
     (tmp_path / "their.dbc").write_text(SNA)
     (tmp_path / "rig.toml").write_text(
         'dbc = "their.dbc"\nbitrate = 500000\n[inputs]\nleft_duty = "Befehl.Tast"\nright_duty = "Befehl.Tast"\n'
@@ -308,8 +308,8 @@ def test_a_label_without_a_counterpart_takes_no_other_signal_with_it(tmp_path: P
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet", ".mf4"])
-def test_a_decoded_table_says_the_same_as_its_log(tmp_path: Path, suffix: str) -> None:
-    """Its units count, rows before a message's first frame have no value, and its rows are far from even."""
+def test_a_decoded_table_is_judged_like_its_log(tmp_path: Path, suffix: str) -> None:
+    """Its units are read, rows before a message's first frame have no value, and its rows are unevenly spaced."""
     log, table_ = CAR / "closing.log", tmp_path / f"closing{suffix}"
     assert main(["convert", str(log), str(table_), "--rig", str(CAR / "theirs.dbc")]) == 0
     own = scenario(
@@ -325,7 +325,7 @@ def test_a_decoded_table_says_the_same_as_its_log(tmp_path: Path, suffix: str) -
 
 
 def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> None:
-    """As those of two messages that are sent one after the other."""
+    """Such as rows of two messages sent one after the other."""
     times = [0.01 * k + part for k in range(100) for part in (0.0, 0.0005)]
     own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
     assert lh.judge([ramp(tmp_path / "m.csv", times)], own)["a"].verdict == "pass"
@@ -333,8 +333,8 @@ def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> No
     assert lh.judge([ramp(tmp_path / "m.csv", missing)], own)["a"].verdict == "inconclusive"
 
 
-def test_a_log_without_frames_says_what_it_holds(tmp_path: Path) -> None:
-    """An ASC file under another ending, of which no line is understood."""
+def test_a_log_without_frames_is_refused_with_its_contents(tmp_path: Path) -> None:
+    """An ASC file with another suffix, none of whose lines can be parsed."""
     (tmp_path / "m.log").write_text(
         "date Sun Jun 15 14:00:00 2025\nbase hex timestamps absolute\n0.1 1 123 Rx d 1 00\n"
     )
@@ -348,7 +348,7 @@ def test_a_log_without_frames_says_what_it_holds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("origin", [2.0, 1_749_988_802.0], ids=["after the first frame", "by the wall clock"])
-def test_the_time_0_of_a_log_by_the_wall_clock(tmp_path: Path, origin: float) -> None:
+def test_an_origin_sets_time_0_of_a_log_with_wall_clock_times(tmp_path: Path, origin: float) -> None:
     log = tmp_path / "m.log"
     log.write_text("".join(f"({1_749_988_800 + 0.01 * k:.6f}) can1 393#{100 * k:04X}00\n" for k in range(401)))
     own = scenario(tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.85"')

@@ -1,4 +1,4 @@
-"""JUnit XML of a suite, by what its schema asks for.
+"""JUnit XML of a suite conforms to its schema.
 
 `vendor/JUnit.xsd` is a copy of the schema of Apache Ant's reports, github.com/windyroad/JUnit-Schema (commit
 cfa434d), under the Apache License 2.0, which stands in `vendor/JUnit.LICENSE`.
@@ -46,7 +46,7 @@ def cases_in(folder: Path) -> list[Case]:
     return suite.cases_of(files, Job(RunRequest()))
 
 
-def test_the_xml_is_valid_whatever_the_verdict(
+def test_the_junit_xml_is_valid_for_every_verdict(
     tmp_path: Path, schema: XMLSchema10, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pass, fail, inconclusive, error, stopped before and while it runs; with mutants; wrong files."""
@@ -77,7 +77,7 @@ def test_the_xml_is_valid_whatever_the_verdict(
         schema.validate(as_junit(outcomes).decode().replace("<testsuites>", '<testsuites name="x">'))
 
 
-def test_the_xml_of_commands_is_valid(
+def test_the_junit_xml_written_by_the_commands_is_valid(
     tmp_path: Path, schema: XMLSchema10, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -90,7 +90,7 @@ def test_the_xml_of_commands_is_valid(
         schema.validate(name)
 
 
-def test_a_suite_says_when_and_where_it_ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_junit_suite_has_its_time_and_host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = datetime.datetime.fromtimestamp(time.time() - 1.0, datetime.UTC)
     root = ElementTree.fromstring(as_junit([suite.run_case(each) for each in cases_in(tmp_path)]))
@@ -111,7 +111,7 @@ def test_a_suite_says_when_and_where_it_ran(tmp_path: Path, monkeypatch: pytest.
     assert "too short to matter" in str(root[1].findtext("system-out"))
 
 
-def test_class_names_are_the_same_however_a_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_class_names_do_not_depend_on_the_form_of_a_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "suite" / "deep").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     ways = ("suite/deep/a b.toml", "./suite/../suite/deep/a b.toml", tmp_path / "suite/deep/a b.toml")
@@ -124,7 +124,7 @@ def test_class_names_are_the_same_however_a_file_is_named(tmp_path: Path, monkey
     assert class_names([Path("a.toml"), Path("a.csv"), Path("b.toml")]) == ["a", "a (2)", "b"]
 
 
-def test_a_file_that_is_wrong_leaves_no_earlier_report(
+def test_a_wrong_scenario_file_leaves_no_earlier_junit_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A CI server that shows the JUnit file of an earlier job would show it green."""

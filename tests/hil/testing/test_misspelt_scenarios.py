@@ -1,4 +1,4 @@
-"""A scenario whose expectations are misspelt is an error, and no file that is left out in silence."""
+"""A scenario with misspelt expectations is an error and is not silently left out."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ EXPECT = '\nname = "x"\nalways = "time_s >= 0"\n'
 @pytest.mark.parametrize(
     "header", ["[[expects]]", "[[Expect]]", "[[expectation]]", "[[expcet]]", "[[expect]", "[expect]"]
 )
-def test_it_is_reported_by_the_command(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_misspelt_scenario_is_reported(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "good.toml").write_text(GOOD)
     (tmp_path / "bad.toml").write_text(BAD + header + EXPECT)
     assert main(["test", str(tmp_path)]) == 2
     assert "bad.toml" in capsys.readouterr().err
 
 
-def test_a_file_without_other_keys_of_ours_is_reported_too(
+def test_a_misspelt_scenario_without_other_known_keys_is_reported_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "good.toml").write_text(GOOD)

@@ -1,4 +1,4 @@
-"""Tests of tests: what a matrix of mutants says of scenarios."""
+"""Mutation testing: the matrix of mutants rates scenarios."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ eventually = "pinch_force_n > 5"
 
 
 def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """So that they are quickly run."""
+    """Select these mutants and expectations, for a quick run."""
     from liftgate_hil.testing import mutation, sections
 
     chosen = {name: MUTANTS[name] for name in names}
@@ -73,7 +73,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     choose(monkeypatch, *FEW)
 
 
-def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
+def test_the_matrix_lists_killed_mutants_and_expectations_that_kill_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     choose(monkeypatch, *FEW, "one_drive_commanded")
@@ -125,7 +125,7 @@ def test_a_scenario_is_run_with_a_mutant_by_its_name(tmp_path: Path, capsys: pyt
     assert "allowed: mutant: and one of threshold_too_high, " in capsys.readouterr().err
 
 
-def test_what_proves_nothing_is_found_after_a_precondition_that_mutants_do_not_complete(
+def test_an_expectation_that_kills_none_is_found_despite_an_incomplete_precondition(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     choose(monkeypatch, "latch_not_released")
@@ -137,7 +137,7 @@ def test_what_proves_nothing_is_found_after_a_precondition_that_mutants_do_not_c
 
 
 @pytest.mark.parametrize("more", ["", '[[request]]\ntime = 14.0\naction = "reset"\n'])
-def test_a_defect_that_changes_only_what_is_learned_is_reached(
+def test_a_defect_in_learning_is_counted_as_reached(
     more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The load of the trapped rod is learned; it would matter in the next motion, which does not come.
@@ -154,7 +154,7 @@ def test_a_defect_that_changes_only_what_is_learned_is_reached(
 
 
 @pytest.mark.parametrize(("threshold", "code"), [("50", 0), ("51", 1)])
-def test_a_threshold_makes_survivors_a_failure(
+def test_a_threshold_turns_surviving_mutants_into_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], threshold: str, code: int
 ) -> None:
     choose(monkeypatch, "stop_ignored", "heat_ignored")
@@ -180,7 +180,7 @@ def test_a_threshold_makes_survivors_a_failure(
     assert ("required by --mutation-threshold: 51 %" in capsys.readouterr().err) == bool(code)
 
 
-def test_runs_with_mutants_that_are_stopped_are_an_error_in_every_report(
+def test_stopped_mutant_runs_are_an_error_in_every_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The scenarios themselves have all passed: without the error the reports would be green."""
@@ -207,10 +207,10 @@ def test_runs_with_mutants_that_are_stopped_are_an_error_in_every_report(
     assert (found["verdict"], found["mutation"]["verdict"], found["mutation"]["score"]) == ("error", "error", None)
 
 
-def test_what_proves_nothing_is_found_where_requests_wait_for_the_gate(
+def test_an_expectation_that_kills_none_is_found_where_requests_wait_for_the_gate(
     tmp_path: Path, few: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without an ECU it never moves, and the request that waits for that never comes."""
+    """Without an ECU the gate never moves, and a request that waits for its motion never occurs."""
     file, told = str(tmp_path / "s.toml"), str(tmp_path / "v.json")
     Path(file).write_text(STOPS.replace("time = 1.5", 'time = "gate_angle_deg > 45"'))
     main(["test", file, "--mutants", "--json", told])
@@ -244,7 +244,7 @@ def test_each_mutant_has_one_defect_of_its_own() -> None:
 
 
 @pytest.mark.parametrize(("threshold", "verdict"), [(66.7, "pass"), (66.8, "fail")])
-def test_a_score_is_judged_as_it_is_shown(threshold: float, verdict: str) -> None:
+def test_a_mutation_score_is_judged_as_displayed(threshold: float, verdict: str) -> None:
     class TwoOfThree:
         score = 2.0 / 3.0
 

@@ -1,4 +1,4 @@
-"""Names of expectations as parts of pytest's node ids, which pytest takes apart at `[` and `::`."""
+"""Names of expectations within pytest's node ids, which pytest splits at `[` and `::`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ODD = ("force [N]", "force (N)", "Bus::Signal", "[a] b::c", "d]", "e:", "::f", "
 
 
 @given(st.lists(st.text(st.sampled_from("ab[]():. 2\n"), min_size=1), unique=True, max_size=6))
-def test_every_expectation_has_a_node_name_of_its_own(names: list[str]) -> None:
+def test_every_expectation_has_a_unique_node_name(names: list[str]) -> None:
     found = node_names(names)
     assert len(set(found)) == len(found) == len(names)
     for name, own in zip(names, found, strict=True):
@@ -33,7 +33,7 @@ def pytest_in(folder: Path, *arguments: str) -> str:
     return done.stdout + done.stderr
 
 
-def test_what_has_failed_runs_again_with_lf_by_its_id_and_stands_in_junit(tmp_path: Path) -> None:
+def test_failed_expectations_rerun_with_lf_and_by_id_and_appear_in_junit(tmp_path: Path) -> None:
     text = "duration = 0.1\ninitial = 30\n"
     for name in ODD:
         text += f'[[expect]]\nname = "{name}"\nalways = "time_s < 0.05"\n'

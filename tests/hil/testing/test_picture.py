@@ -1,4 +1,4 @@
-"""Pictures of any expectation of any run: none may end a suite's report."""
+"""Pictures of any expectation of any run can be drawn for a suite's report."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def expectations(draw: Any) -> Expectation:
 
 
 def unit_free(expectation: Expectation) -> bool:
-    """Whether its sides may be compared at all."""
+    """Whether both sides can be compared as to their units."""
     try:
         expected_of([expectation], {}, shipped_rig().messages, 2, "file")
     except Exception:
@@ -63,7 +63,7 @@ def unit_free(expectation: Expectation) -> bool:
 
 @CALM
 @given(expectations().filter(unit_free), VALUES, st.integers(1, 40))
-def test_whatever_is_expected_of_whatever_happens_has_its_pictures(
+def test_any_expectation_of_any_run_has_pictures(
     expectation: Expectation, values: list[float], block: int
 ) -> None:
     rows = np.zeros((len(values), ROW_WIDTH))

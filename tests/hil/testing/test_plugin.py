@@ -1,4 +1,4 @@
-"""pytest's plugin in a repository that is not ours: its own `hil` folder, its own ECU, other tools' TOML files."""
+"""The pytest plugin in a foreign repository: its own `hil` folder, ECU and other tools' TOML files."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
 
 
-def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
+def test_scenarios_are_collected_and_the_fixture_runs(foreign: Path) -> None:
     done = pytest_in(foreign, "--junitxml=out.xml")
     assert "3 passed" in done.stdout, done.stdout + done.stderr
     assert "1 failed" in done.stdout
@@ -93,7 +93,7 @@ def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
     assert told["verdict"].startswith("fail, margin -1 deg")
 
 
-def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_package(foreign: Path) -> None:
+def test_a_mistake_in_a_test_is_shown_without_stack_frames_of_the_package(foreign: Path) -> None:
     (foreign / "tests" / "test_gate.py").write_text(
         "def test_wrong_argument(liftgate):\n    liftgate.run('scenarios/opens.toml', vehicle='nope')\n"
         "def test_wrong_gate(liftgate):\n    liftgate.gate(initial='ajar')\n"
@@ -117,7 +117,7 @@ def test_a_mistake_in_a_test_is_told_by_its_message_and_not_by_frames_of_the_pac
     assert "liftgate_hil/" not in done.stdout
 
 
-def test_where_the_ecu_s_own_code_failed_its_lines_are_shown(foreign: Path) -> None:
+def test_an_exception_in_the_ecus_code_is_shown_with_its_lines(foreign: Path) -> None:
     (foreign / "broken.py").write_text("import missing_of_the_user\n")
     (foreign / "tests" / "test_gate.py").write_text(
         "def test_broken_ecu(liftgate):\n    liftgate.run('scenarios/opens.toml', ecu='broken:Ecu')\n"
@@ -129,7 +129,7 @@ def test_where_the_ecu_s_own_code_failed_its_lines_are_shown(foreign: Path) -> N
     assert "IndexError: list index out of range" in done.stdout
 
 
-def test_a_result_is_compared_by_its_verdict_and_the_report_says_why_it_failed(foreign: Path) -> None:
+def test_a_failed_assertion_on_a_verdict_shows_the_reason(foreign: Path) -> None:
     (foreign / "tests" / "test_gate.py").write_text(
         "def test_truth(liftgate):\n    assert liftgate.run('scenarios/opens.toml', ecu='my_ecu:Dead')\n"
         "def test_verdict(liftgate):\n"
@@ -146,14 +146,14 @@ def test_a_result_is_compared_by_its_verdict_and_the_report_says_why_it_failed(f
     assert "opens: fail, margin" in done.stdout
 
 
-def test_a_dead_ecu_fails_them(foreign: Path) -> None:
+def test_a_dead_ecu_fails_its_tests_and_keeps_the_recordings(foreign: Path) -> None:
     done = pytest_in(foreign, "--liftgate-ecu", "my_ecu:Dead", "-k", "opens or rests")
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
     folder = Path(done.stdout.split("liftgate recordings")[1].splitlines()[1].strip())
     assert sorted(path.name for path in folder.iterdir()) == ["run-1.csv", "run-1.log"]
 
 
-def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
+def test_the_plugin_works_with_xdist_and_last_failed(foreign: Path) -> None:
     done = pytest_in(foreign, "-n", "2", "tests/test_three.toml")
     assert "1 failed, 1 passed, 1 error" in done.stdout, done.stdout + done.stderr
     pytest_in(foreign, "--lf", "tests/test_three.toml")
@@ -161,7 +161,7 @@ def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
     assert "1 failed, 1 deselected, 1 error" in done.stdout, done.stdout + done.stderr
 
 
-def test_expectations_may_come_by_an_include(foreign: Path) -> None:
+def test_expectations_may_come_from_an_included_file(foreign: Path) -> None:
     (foreign / "tests" / "base.toml").write_text(THREE)
     (foreign / "tests" / "test_three.toml").write_text('include = ["base.toml"]\nseed = 3\n')
     done = pytest_in(foreign, "tests/test_three.toml")
@@ -169,14 +169,14 @@ def test_expectations_may_come_by_an_include(foreign: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [THREE.replace("[[expect]]", "[[expcet]]"), "duration = 1\nseed = 2\n"])
-def test_a_test_that_expects_nothing_or_misspells_it_is_an_error(foreign: Path, text: str) -> None:
+def test_a_scenario_without_or_with_misspelt_expectations_is_an_error(foreign: Path, text: str) -> None:
     (foreign / "tests" / "test_three.toml").write_text(text)
     done = pytest_in(foreign, "tests")
     assert done.returncode == 2, done.stdout + done.stderr
     assert "expcet: unknown key; allowed: expect, " in done.stdout or "expect: missing" in done.stdout
 
 
-def test_mistakes_of_a_scenario_are_reported_when_it_is_collected(foreign: Path) -> None:
+def test_mistakes_in_a_scenario_are_reported_at_collection(foreign: Path) -> None:
     (foreign / "tests" / "test_three.toml").write_text(THREE.replace("gate_angle_deg < 1", "gate_angle < 1"))
     done = pytest_in(foreign, "tests/test_three.toml")
     assert done.returncode == 2

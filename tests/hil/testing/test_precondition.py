@@ -1,4 +1,4 @@
-"""What is gone through before a scenario's time 0, and an ECU that is made anew within it."""
+"""Motions before a scenario's time 0, and an ECU that is reset within the scenario."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def texts(result: lh.Result) -> list[str]:
     return [each.text.split(":")[0] for each in result.events]
 
 
-def test_a_learned_ecu_begins_at_time_0_with_nothing_reported_or_recorded_before(tmp_path: Path) -> None:
+def test_a_precondition_is_neither_reported_nor_recorded(tmp_path: Path) -> None:
     result = lh.run(scenario(tmp_path, LEARNED + OPENS + OPEN), trace=True, record=tmp_path / "run.log")
     assert result.verdict == "pass"
     assert texts(result) == ["opening", "open"]  # and not "open, travel learned"
@@ -40,12 +40,12 @@ def test_a_learned_ecu_begins_at_time_0_with_nothing_reported_or_recorded_before
     assert first.startswith("(0000000000.00")
 
 
-def test_without_it_the_ecu_learns_within_the_scenario(tmp_path: Path) -> None:
+def test_without_a_precondition_the_ecu_learns_within_the_scenario(tmp_path: Path) -> None:
     result = lh.run(scenario(tmp_path, OPENS + OPEN, 15.0))
     assert texts(result) == ["opening", "open, travel learned"]
 
 
-def test_nothing_of_the_scenario_acts_before(tmp_path: Path) -> None:
+def test_stimuli_of_the_scenario_do_not_act_during_its_precondition(tmp_path: Path) -> None:
     text = LEARNED + OPENS + OPEN
     text += '[[obstacle]]\nangle_deg = 40\nmeets = "opening"\n'
     text += '[[fault]]\nkind = "spring_lost"\nstart = "pinch_force_n > 5"\n'
@@ -56,7 +56,7 @@ def test_nothing_of_the_scenario_acts_before(tmp_path: Path) -> None:
     assert result.trace["supply_voltage_v"][0] == 11.0
 
 
-def test_every_clock_gives_the_same_frames(tmp_path: Path) -> None:
+def test_a_scenario_with_a_precondition_gives_the_same_frames_on_every_clock(tmp_path: Path) -> None:
     text = LEARNED + OPENS + OPEN + '[[request]]\ntime = 3.0\naction = "reset"\n'
     logs = []
     for clock in ("free", "lockstep"):
@@ -73,7 +73,7 @@ def test_conditions_of_stimuli_and_expectations_count_from_time_0(tmp_path: Path
 
 
 class NeverStill:
-    """Swings the gate for ever."""
+    """An ECU that moves the gate back and forth without end."""
 
     period_s = 0.01
 
@@ -93,7 +93,7 @@ class NeverStill:
         return [can.Message(arbitration_id=identifier, data=data, is_extended_id=False)]
 
 
-def test_motions_that_never_end_leave_the_scenario_inconclusive(
+def test_a_precondition_that_never_ends_makes_the_scenario_inconclusive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from liftgate_hil.loop import precondition
@@ -109,13 +109,13 @@ def test_motions_that_never_end_leave_the_scenario_inconclusive(
 
 
 class Idle:
-    """An ECU that does nothing at all."""
+    """An ECU that sends nothing."""
 
     def step(self, frames: object, time: float) -> list[object]:
         return []
 
 
-def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive(tmp_path: Path) -> None:
+def test_expectations_that_pass_after_an_incomplete_precondition_are_inconclusive(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n' + OPEN + "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, text)
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
@@ -129,8 +129,8 @@ def test_what_passes_after_a_precondition_that_was_not_completed_is_inconclusive
     assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
 
 
-def test_a_recording_shows_that_the_precondition_was_not_completed(tmp_path: Path) -> None:
-    """No condition names the gate's angle, which tells it."""
+def test_an_incomplete_precondition_is_seen_in_a_recording(tmp_path: Path) -> None:
+    """Though no condition uses the gate's angle, which shows it."""
     expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
@@ -139,15 +139,13 @@ def test_a_recording_shows_that_the_precondition_was_not_completed(tmp_path: Pat
 
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])
-def test_without_expectations_it_is_noted_that_the_precondition_was_not_completed(
-    tmp_path: Path, clock: str
-) -> None:
+def test_an_incomplete_precondition_is_noted_without_expectations_too(tmp_path: Path, clock: str) -> None:
     result = lh.run(scenario(tmp_path, 'precondition = ["open"]\n', 0.2), ecu=Idle(), clock=clock)
     assert (result.verdict, result.expectations) == ("pass", {})
     assert any(each.endswith("not at 80.0°: the scenario begins there") for each in result.notes)
 
 
-def test_without_the_gate_angle_it_is_open_whether_the_precondition_was_completed(tmp_path: Path) -> None:
+def test_without_the_gate_angle_a_recording_cannot_show_a_completed_precondition(tmp_path: Path) -> None:
     expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
     lh.run(file, record=tmp_path / "run.csv")
@@ -162,7 +160,7 @@ def test_without_the_gate_angle_it_is_open_whether_the_precondition_was_complete
     assert part.fault_notes == ("precondition: open: no gate angle before 0.1 s says whether it was completed",)
 
 
-def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_path: Path) -> None:
+def test_the_reason_of_an_inconclusive_run_names_the_undecided_expectations(tmp_path: Path) -> None:
     text = OPENS + "".join(
         f"[[expect]]\nname = '{name}'\nalways = 'pinch_force_n < 150'\nafter = 'gate_angle_deg > {angle}'\n"
         for name, angle in (("a", 200), ("b", 200), ("c", 300), ("d", 10))
@@ -182,7 +180,7 @@ def test_the_reason_of_an_inconclusive_run_names_what_is_undecided_and_why(tmp_p
         ("precondition = [1]", "allowed: a list of open, close, stop"),
     ],
 )
-def test_what_is_none_is_reported(tmp_path: Path, line: str, said: str) -> None:
+def test_an_invalid_precondition_is_reported(tmp_path: Path, line: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.run(scenario(tmp_path, line + "\n"))
     assert f"precondition: {line.split(' = ')[1]}".replace('"', "'") in str(caught.value)
@@ -190,7 +188,7 @@ def test_what_is_none_is_reported(tmp_path: Path, line: str, said: str) -> None:
 
 
 class Listens:
-    """Opens and closes by the reference rig, and keeps by which times it was called."""
+    """Opens and closes as the reference ECU does, and keeps the times at which it was called."""
 
     times: list[float]
     period_s = 0.001
@@ -207,7 +205,7 @@ class Listens:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_the_ecu_s_clock_goes_on(tmp_path: Path, clock: str) -> None:
+def test_the_ecus_clock_is_continuous_through_the_precondition(tmp_path: Path, clock: str) -> None:
     ecu = Listens()
     lh.run(scenario(tmp_path, LEARNED + OPENS, 1.0), ecu=ecu, clock=clock)
     steps = [b - a for a, b in itertools.pairwise(ecu.times)]
@@ -222,7 +220,7 @@ def test_the_ecu_s_clock_goes_on(tmp_path: Path, clock: str) -> None:
 RESET = '[[request]]\ntime = 2.0\naction = "reset"\n'
 
 
-def test_the_reference_ecu_stops_and_has_forgotten_the_gate(tmp_path: Path) -> None:
+def test_a_reset_of_the_reference_ecu_stops_the_gate_and_clears_what_was_learned(tmp_path: Path) -> None:
     text = LEARNED + OPENS + RESET + '[[request]]\ntime = 4.0\naction = "open"\n' + OPEN
     text += '[[expect]]\nname = "stops"\neventually = "abs(gate_rate_degps) < 0.1"\nafter = 2.0\nwithin_s = 1.0\n'
     result = lh.run(scenario(tmp_path, text, 15.0))
@@ -232,7 +230,7 @@ def test_the_reference_ecu_stops_and_has_forgotten_the_gate(tmp_path: Path) -> N
 
 
 class Counts:
-    """Tells in a frame how often it was called since it was made."""
+    """ECU whose frame has the number of its calls since it was created."""
 
     period_s = 0.01
 
@@ -251,7 +249,7 @@ def calls(log: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
-def test_a_python_ecu_is_made_anew(tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reset_creates_a_new_python_ecu(tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     log = tmp_path / "run.log"
     lh.run(scenario(tmp_path, RESET, 3.0), f"{Path(__file__).stem}:Counts", clock, record=log)
@@ -262,13 +260,13 @@ def test_a_python_ecu_is_made_anew(tmp_path: Path, clock: str, monkeypatch: pyte
 
 
 class Resets(Counts):
-    """Knows how to start anew by itself."""
+    """ECU with a reset method of its own."""
 
     def reset(self) -> None:
         self.calls = 0
 
 
-def test_an_object_is_reset_by_its_own_method_or_not_at_all(tmp_path: Path) -> None:
+def test_an_ecu_object_is_reset_by_its_own_method_or_not_at_all(tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     lh.run(scenario(tmp_path, RESET, 3.0), Resets(), record=log)
     assert calls(log).count(1) == 2
@@ -297,7 +295,7 @@ int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in
 """
 
 
-def test_a_library_is_loaded_afresh_with_its_statics(tmp_path: Path) -> None:
+def test_a_reset_reloads_an_ecu_library_with_its_static_variables(tmp_path: Path) -> None:
     from c_library import build
 
     log = tmp_path / "run.log"

@@ -1,4 +1,4 @@
-"""What a recording says of its run comes before what the scenario says, and after what is given."""
+"""Setup of a recording takes precedence over the scenario's, and arguments over both."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ never = "pinch_force_n > $limit"
 
 @pytest.fixture(scope="module", params=["parquet", "mf4", "mcap"])
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of a compact car with a changed motor, by a rig of its own, with another limit."""
+    """A recording of a compact car with a changed motor, its own rig and another limit."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "s.toml").write_text(SCENARIO)
     rig = Path(__file__).parents[3] / "configs" / "rigs" / "liftgate.toml"
@@ -41,7 +41,7 @@ def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return path
 
 
-def test_the_recording_comes_before_the_scenario(recording: Path) -> None:
+def test_the_setup_of_a_recording_overrides_that_of_the_scenario(recording: Path) -> None:
     about, notes = as_recorded([recording], expectations_of(JudgeRequest(recording, recording.parent / "s.toml")))
     assert about.setup.vehicle == vehicle_from("compact", ["motor.resistance=0.9"])
     assert about.setup.scenario.parameters == {"limit": 70.0}
@@ -53,7 +53,7 @@ def test_the_recording_comes_before_the_scenario(recording: Path) -> None:
     ]
 
 
-def test_what_is_given_comes_before_the_recording(recording: Path) -> None:
+def test_arguments_override_the_setup_of_a_recording(recording: Path) -> None:
     request = JudgeRequest(
         recording, recording.parent / "s.toml", vehicle="suv", rig="liftgate", parameters={"limit": 60.0}
     )
@@ -68,7 +68,7 @@ def test_what_is_given_comes_before_the_recording(recording: Path) -> None:
     ]
 
 
-def test_the_command_tells_what_it_takes_from_the_recording(
+def test_the_command_reports_the_setup_it_uses_from_the_recording(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["judge", str(recording), "--scenario", str(recording.parent / "s.toml")]) == 0
@@ -76,7 +76,7 @@ def test_the_command_tells_what_it_takes_from_the_recording(
     assert "vehicle compact as recorded, not suv" in said
 
 
-def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
+def test_a_rig_file_changed_since_the_recording_is_not_used(recording: Path) -> None:
     own = recording.parent / "own.toml"
     before = own.read_text()
     own.write_text(before + "\n# changed\n")
@@ -90,7 +90,7 @@ def test_a_rig_that_has_changed_since_is_not_taken(recording: Path) -> None:
     assert f"{recording}: its rig is missing or has changed; judged by liftgate" in notes
 
 
-def test_a_page_of_the_recording_has_the_limits_of_its_scenario_as_long_as_that_is_there(recording: Path) -> None:
+def test_a_page_of_a_recording_shows_the_limits_of_its_scenario_while_its_file_exists(recording: Path) -> None:
     about = RecordingSource(recording).about()
     assert about["expectations"] == {"soft": "never pinch_force_n > 70"}
     assert about["force_limits"] == [{"force_n": 70.0, "longest_s": 0.0, "expectation": "soft"}]
@@ -104,11 +104,11 @@ def test_a_page_of_the_recording_has_the_limits_of_its_scenario_as_long_as_that_
 
 
 @pytest.mark.parametrize("vehicle", [{}, {"drives": 2}, None, 5, {"drives": 2, "left": 1}])
-def test_a_vehicle_of_other_parameters_is_none(vehicle: object) -> None:
+def test_a_recorded_vehicle_with_unknown_parameters_is_ignored(vehicle: object) -> None:
     assert RecordedSetup(Path("x"), {"vehicle": vehicle}).vehicle is None
 
 
-def test_files_without_provenance_state_nothing(tmp_path: Path) -> None:
+def test_files_without_provenance_give_no_setup(tmp_path: Path) -> None:
     (tmp_path / "x.mf4").write_text("no MF4")
     (tmp_path / "x.csv").write_text("time_s,a\n0,1\n")
     assert recorded_setup([tmp_path / "x.mf4", tmp_path / "x.csv"]).content == {}
@@ -117,7 +117,7 @@ def test_files_without_provenance_state_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "about", ["{damaged", "[1]", '"x"', '{"rate_hz": "fast", "faults": 3, "vehicle": 7}', "1"]
 )
-def test_a_damaged_provenance_states_nothing_and_spoils_nothing(tmp_path: Path, about: str) -> None:
+def test_a_damaged_provenance_gives_no_setup_and_no_error(tmp_path: Path, about: str) -> None:
     from pyarrow import parquet
 
     lh.run("demo", duration=0.1, record=[tmp_path / "run.parquet"])

@@ -1,4 +1,4 @@
-"""Judging again from recordings: the verdicts and margins of the run, to the last bit."""
+"""Judging recordings gives the verdicts and margins of the run, to the last bit."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ def test_every_format_gives_the_verdicts_of_the_run(run: tuple[Path, lh.Result],
     assert again == dict(result.expectations)
 
 
-def test_a_run_in_lockstep_is_judged_alike(tmp_path: Path) -> None:
+def test_a_recording_of_a_lockstep_run_gives_the_verdicts_of_the_run(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO)
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     result = lh.run(tmp_path / "s.toml", clock="lockstep", record=files)
     assert lh.judge(files, tmp_path / "s.toml") == dict(result.expectations)
 
 
-def test_what_was_not_recorded_or_was_cut_is_inconclusive(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_missing_or_truncated_data_are_inconclusive(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     alone = lh.judge([folder / "run.csv"], folder / "s.toml")
     assert {name: each.verdict for name, each in alone.items()} == {
@@ -101,7 +101,7 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(run: tuple[Path, lh.Re
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
 
 
-def test_a_value_that_was_taken_out_is_missing_like_a_row(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_a_removed_value_is_treated_like_a_missing_row(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     head, *lines = (folder / "run.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines]
@@ -114,7 +114,7 @@ def test_a_value_that_was_taken_out_is_missing_like_a_row(run: tuple[Path, lh.Re
     assert found["sends"] == result.expectations["sends"]
 
 
-def test_a_stimulus_whose_condition_was_not_recorded_says_so(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_an_unrecorded_condition_of_a_stimulus_is_named(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, _ = run
     text = 'duration = 4.0\n[[request]]\ntime = "gate_angle_deg < 45"\naction = "stop"\n'
     text += '[[expect]]\nname = "dry"\nalways = "supply_voltage_v > 5"\n'
@@ -128,7 +128,7 @@ def test_a_stimulus_whose_condition_was_not_recorded_says_so(run: tuple[Path, lh
     assert found.reason == said
 
 
-def test_a_reset_of_a_recording_without_the_end_is_not_known_to_have_been_made(tmp_path: Path) -> None:
+def test_a_reset_in_a_recording_without_its_end_is_not_assumed_to_have_been_made(tmp_path: Path) -> None:
     text = """
 duration = 1.0
 [[request]]
@@ -170,7 +170,7 @@ within_s = 0.5
     "cut", ["run.csv", "run.log", "run.parquet", "run.blf", "run.mf4", "run.mcap", "run.asc", "run.trc"]
 )
 @pytest.mark.parametrize("where", [0.6, 0.6003])
-def test_what_a_killed_recorder_leaves_is_never_a_pass(
+def test_recordings_left_by_a_killed_recorder_never_pass(
     run: tuple[Path, lh.Result], tmp_path: Path, cut: str, where: float
 ) -> None:
     folder, _ = run
@@ -191,7 +191,7 @@ def test_what_a_killed_recorder_leaves_is_never_a_pass(
     }  # fmt: skip
 
 
-def test_the_texts_beside_what_a_kill_has_spoilt_are_judged(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_text_recordings_beside_a_damaged_mf4_file_are_judged(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     for name in ("run.csv", "run.log"):
         (tmp_path / f"run.mf4{name[3:]}").write_bytes((folder / name).read_bytes())
@@ -199,7 +199,7 @@ def test_the_texts_beside_what_a_kill_has_spoilt_are_judged(run: tuple[Path, lh.
     assert lh.judge(files, folder / "s.toml") == dict(result.expectations)
 
 
-def test_a_gate_that_is_off_its_bus_is_judged_again_alike(tmp_path: Path) -> None:
+def test_a_recording_of_a_gate_in_bus_off_gives_the_verdicts_of_the_run(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(
         'duration = 1.0\n[[fault]]\nkind = "bus_off"\nstart = 0.3\n'
         '[[expect]]\nname = "x"\nalways = "Gate.Angle < 5"\n'
@@ -209,7 +209,7 @@ def test_a_gate_that_is_off_its_bus_is_judged_again_alike(tmp_path: Path) -> Non
     assert lh.judge(files, tmp_path / "s.toml") == dict(result.expectations)
 
 
-def test_other_expectations_of_the_same_run(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_a_recording_can_be_judged_by_other_expectations(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     peak = result.maxima["pinch_force_n"]
     (tmp_path / "s.toml").write_text(
@@ -245,7 +245,9 @@ def test_a_foreign_log_with_a_foreign_rig_is_judged(tmp_path: Path) -> None:
     assert (found["b"].verdict, found["b"].margin) == ("fail", -1.0)
 
 
-def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_judge_command_reports_margins(
+    run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, result = run
     files = [str(folder / "run.csv"), str(folder / "run.log")]
     assert main(["judge", *files, "--scenario", str(folder / "s.toml"), "--json", "-"]) == 1
@@ -269,7 +271,7 @@ def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[
         ("", "run.csv"),
     ],
 )
-def test_what_cannot_be_judged_is_reported(tmp_path: Path, content: str, said: str) -> None:
+def test_files_that_cannot_be_judged_are_reported(tmp_path: Path, content: str, said: str) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO)
     (tmp_path / "run.csv").write_text(content)
     with pytest.raises(ConfigError) as caught:
@@ -277,16 +279,14 @@ def test_what_cannot_be_judged_is_reported(tmp_path: Path, content: str, said: s
     assert said in str(caught.value)
 
 
-def test_stamps_of_a_wall_clock_are_refused(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_a_wall_clock_log_beside_a_run_time_table_is_refused(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, _ = run
     (tmp_path / "late.log").write_text("(1700000000.000000) can0 120#0000000000000000 R\n")
     with pytest.raises(ConfigError, match="wall-clock timestamps"):
         lh.judge([folder / "run.csv", tmp_path / "late.log"], folder / "s.toml")
 
 
-def test_rows_that_were_left_out_evenly_hide_what_they_do_not_show(
-    run: tuple[Path, lh.Result], tmp_path: Path
-) -> None:
+def test_evenly_left_out_rows_never_make_a_peak_pass(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, _ = run
     head, *lines = (folder / "run.csv").read_text().splitlines(keepends=True)
     column = head.split(",").index("pinch_force_n")
@@ -316,7 +316,7 @@ def test_a_foreign_table_begins_with_its_first_row(tmp_path: Path, zero: float) 
     assert (found.verdict, found.time_s) == ("fail", pytest.approx(0.41))
 
 
-def test_an_origin_says_where_the_run_begins(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_origin_sets_the_beginning_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = _force_over_time(tmp_path / "f.csv", -1.0)
     (tmp_path / "s.toml").write_text(_SOFT)
     assert main(["judge", str(path), "--scenario", str(tmp_path / "s.toml"), "--origin", "0"]) == 0
@@ -324,7 +324,7 @@ def test_an_origin_says_where_the_run_begins(tmp_path: Path, capsys: pytest.Capt
     assert lh.judge([path], tmp_path / "s.toml", origin=-0.8)["soft"].time_s == pytest.approx(0.21)
 
 
-def test_a_recording_of_ours_states_its_own_origin(run: tuple[Path, lh.Result]) -> None:
+def test_a_recording_of_this_program_has_its_own_origin(run: tuple[Path, lh.Result]) -> None:
     folder, _ = run
     with pytest.raises(ConfigError, match=r"`origin` 1: .* states its own time 0"):
         lh.judge([folder / "run.csv"], folder / "s.toml", origin=1.0)

@@ -1,4 +1,4 @@
-"""Judging again what was recorded in real time: rows of ticks that were made up for, stamps of a wall clock."""
+"""Judging real-time recordings: rows of ticks caught up, timestamps of a wall clock."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ SCENARIO += "".join(
 
 
 def late_run(seed: int) -> tuple[Any, Any]:
-    """A run of a bench that is a little late, as the real-time loop tells it: rows, and frames as they are noted,
-    what came in behind what was sent meanwhile.
+    """Rows and frames of a slightly late bench as the real-time loop passes them on, received frames after those
+    sent meanwhile.
     """
     draw = np.random.default_rng(seed)
     rows = np.zeros((601, ROW_WIDTH))
@@ -100,7 +100,7 @@ def late_run(seed: int) -> tuple[Any, Any]:
 
 
 def judged_live(path: Path, rows: Any, frames: Any) -> dict[str, Verdict]:
-    """Judged as the loop hands on: some rows, with all frames that were noted by then."""
+    """Verdicts as during the run: some rows at a time, with all frames noted by then."""
     scenario = load_scenario(path)
     expected = expected_of(scenario.expectations, {}, shipped_rig().messages, 2, str(path))
     rig = shipped_rig()
@@ -134,7 +134,7 @@ def late(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
 
 
 @pytest.mark.parametrize("files", FORMATS, ids="+".join)
-def test_a_bench_that_was_late_is_judged_again_alike(
+def test_a_recording_of_a_late_bench_gives_the_verdicts_of_the_run(
     late: tuple[Path, dict[str, Verdict]], files: list[str]
 ) -> None:
     folder, live = late
@@ -143,7 +143,7 @@ def test_a_bench_that_was_late_is_judged_again_alike(
     assert lh.judge([folder / name for name in files], folder / "s.toml") == live
 
 
-def test_what_came_while_the_gate_was_sending_counts_when_it_came(tmp_path: Path) -> None:
+def test_frames_received_while_the_gate_was_sending_count_at_their_arrival(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(
         'duration = 0.02\n[[expect]]\nname = "x"\neventually = "Gate.Angle == 7"\nwithin_s = 0.012\n'
     )
@@ -180,7 +180,7 @@ within_s = 0.3
 """
 
 
-def test_a_run_in_real_time_is_judged_again_alike(tmp_path: Path) -> None:
+def test_a_recording_of_a_real_time_run_gives_the_verdicts_of_the_run(tmp_path: Path) -> None:
     # However late this machine is: a recording tells that as the run did.
     (tmp_path / "s.toml").write_text(REALTIME)
     files = [tmp_path / name for name in FILES]

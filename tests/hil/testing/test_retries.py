@@ -1,4 +1,4 @@
-"""Scenarios that are inconclusive are run again, as often as was asked for."""
+"""Inconclusive scenarios are run again, up to the requested number of times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCENARIO = 'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg
 
 @pytest.fixture
 def attempts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The verdicts that the next runs have, one after the other."""
+    """Set the verdicts of the next runs, one after the other."""
     monkeypatch.chdir(tmp_path)
     Path("s.toml").write_text(SCENARIO)
     verdicts: list[str] = []
@@ -44,7 +44,7 @@ def attempts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
         (["inconclusive", "pass"], 0, 3, 1),
     ],
 )
-def test_it_is_run_again_until_it_is_decided(
+def test_an_inconclusive_scenario_is_run_again_until_decided(
     attempts: list[str], given: list[str], retries: int, code: int, left: int
 ) -> None:
     attempts += given
@@ -70,12 +70,12 @@ def test_it_is_run_again_until_it_is_decided(
         assert note in Path("out.xml").read_text()
 
 
-def test_how_often_is_checked(attempts: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_negative_number_of_retries_is_refused(attempts: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "s.toml", "--retry-inconclusive", "-1"]) == 2
     assert "--retry-inconclusive" in capsys.readouterr().err
 
 
-def test_an_attempt_that_cannot_be_kept_is_told(
+def test_an_attempt_whose_recordings_cannot_be_kept_is_reported(
     attempts: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(path: Path, target: Path) -> None:

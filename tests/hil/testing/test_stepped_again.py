@@ -57,7 +57,7 @@ def recorded(folder: Path, path: Path) -> list[Path]:
 
 
 def with_lateness(files: list[Path], from_s: float, ticks: int) -> list[Path]:
-    """The same recording of a bench that missed so many ticks from a time on."""
+    """The same recording with this many missed ticks of the bench from a time on."""
     head, *lines = files[0].read_text().splitlines()
     names = head.split(",")
     time, missed = names.index("time_s"), names.index("ticks_missed")
@@ -72,7 +72,7 @@ def with_lateness(files: list[Path], from_s: float, ticks: int) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path], float]:
-    """A folder, the recording of a run, and when it pinched most [s]."""
+    """A folder, the recordings of a run, and the time of its largest pinch force [s]."""
     folder = tmp_path_factory.mktemp("stepped")
     path = scenario(folder, 300.0)
     result = lh.run(path, record=[folder / "run.csv", folder / "run.log"])
@@ -80,7 +80,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path], flo
     return folder, [folder / "run.csv", folder / "run.log"], result.pinch_time_s
 
 
-def test_a_bench_that_is_late_by_less_than_the_margin_bears_is_judged(run: tuple[Path, list[Path], float]) -> None:
+def test_lateness_smaller_than_the_margin_is_judged(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     true = lh.judge(files, scenario(folder, 300.0))
     for ticks, method in ((4, "direct"), (8, "replay"), (10, "replay")):
@@ -92,9 +92,7 @@ def test_a_bench_that_is_late_by_less_than_the_margin_bears_is_judged(run: tuple
         assert 0.0 < found["soft"].uncertainty < found["soft"].margin
 
 
-def test_a_bench_that_is_late_by_more_than_the_margin_bears_leaves_it_open(
-    run: tuple[Path, list[Path], float],
-) -> None:
+def test_lateness_larger_than_the_margin_is_inconclusive(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     tight = lh.judge(files, scenario(folder, 300.0))["soft"].margin
     limit = 300.0 - tight + 3.0  # 3 N are left
@@ -104,7 +102,7 @@ def test_a_bench_that_is_late_by_more_than_the_margin_bears_leaves_it_open(
 
 
 @pytest.mark.parametrize("before", [0.02, 1.0])
-def test_what_an_ecu_may_take_for_messages_lost_leaves_open_all_that_is_decided_after(
+def test_a_bench_delay_like_lost_messages_makes_all_later_decisions_inconclusive(
     run: tuple[Path, list[Path], float], before: float
 ) -> None:
     """An ECU that hears nothing for two cycles may stop: a rod that it never reaches is no pass, and the commands
@@ -120,7 +118,7 @@ def test_what_an_ecu_may_take_for_messages_lost_leaves_open_all_that_is_decided_
         assert (found["early"].verdict, found["early"].method) == ("pass", "direct")
 
 
-def test_a_failure_that_the_lateness_cannot_have_made_is_one(run: tuple[Path, list[Path], float]) -> None:
+def test_a_failure_that_lateness_cannot_have_caused_stands(run: tuple[Path, list[Path], float]) -> None:
     folder, files, _ = run
     path = scenario(folder, 5.0)
     failed = lh.judge(files, path)["soft"]
@@ -129,8 +127,8 @@ def test_a_failure_that_the_lateness_cannot_have_made_is_one(run: tuple[Path, li
     assert (found.verdict, found.method) == ("fail", "replay")
 
 
-def test_an_ecu_that_is_late_is_judged(tmp_path: Path) -> None:
-    """Its commands come late, the bench is in time."""
+def test_a_late_ecu_on_a_punctual_bench_is_judged(tmp_path: Path) -> None:
+    """The ECU's commands come late, the bench is on time."""
     late = (
         '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\n'
         'delay_s = 0.5\nstart = "pinch_force_n > 1"\n'
@@ -142,8 +140,8 @@ def test_an_ecu_that_is_late_is_judged(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["frame_lost", "wrong_checksum", "frame_delayed"])
-def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(tmp_path: Path, kind: str) -> None:
-    """What it got is in the recording: such a fault must not act again."""
+def test_recorded_command_faults_do_not_act_twice(tmp_path: Path, kind: str) -> None:
+    """The recording has the commands as received, with the fault already applied."""
     own = {"frame_lost": "probability = 0.3", "frame_delayed": "delay_s = 0.02"}.get(kind, "")
     fault = f'[[fault]]\nkind = "{kind}"\nwhere = "DriveCommand"\ndirection = "received"\n{own}\n'
     path = scenario(tmp_path, 300.0, fault)
@@ -156,7 +154,7 @@ def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(tm
     assert found.margin == true["soft"].margin
 
 
-def test_a_gap_in_what_is_known_of_the_angle_confirms_nothing(
+def test_a_gap_in_the_recorded_angle_prevents_a_confirmation(
     run: tuple[Path, list[Path], float], tmp_path: Path
 ) -> None:
     folder, files, peak = run
@@ -174,10 +172,10 @@ def test_a_gap_in_what_is_known_of_the_angle_confirms_nothing(
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("delay_ms", [7, 60])
-def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again_or_left_open(
+def test_a_delayed_run_is_decided_by_stepping_its_gate_again_or_is_inconclusive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, delay_ms: int
 ) -> None:
-    """The thread that gives the ECU its turns is held up once, in the middle of the closing."""
+    """The thread that calls the ECU is delayed once, in the middle of the closing."""
     from liftgate_hil.loop import realtime_run
 
     ours, held = realtime_run._Turns.give, []
@@ -205,7 +203,7 @@ def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again_or_left_ope
     assert is_lost or again.reason == found.reason
 
 
-def test_another_gate_than_the_recorded_one_confirms_nothing(run: tuple[Path, list[Path], float]) -> None:
+def test_a_gate_unlike_the_recorded_one_confirms_nothing(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     late = with_lateness(files, peak - 0.02, 8)
     found = lh.judge(late, scenario(folder, 300.0), vehicle="compact")["soft"]
@@ -235,7 +233,7 @@ def again(**changed: Verdict) -> SteppedAgain:
         (None, 0.0, "inconclusive"),
     ],
 )
-def test_all_ways_have_to_agree_with_room_to_spare(
+def test_all_simulations_with_shifted_commands_must_agree_with_margin(
     stepped: SteppedAgain | None, force: float, verdict: str
 ) -> None:
     found = stepped_again(PASSED, 0, 0.01, force, "why", lambda late: stepped)
@@ -245,7 +243,7 @@ def test_all_ways_have_to_agree_with_room_to_spare(
         assert found.reason.startswith("why")
 
 
-def test_what_has_no_margin_is_not_confirmed_by_the_answers_that_it_was_judged_by() -> None:
+def test_a_verdict_without_a_margin_is_not_confirmed_by_the_same_responses() -> None:
     """A trouble code: the ECU has answered once, and answers alike when the gate is stepped again."""
     present = Verdict("x", "fail")
     found = stepped_again(present, 0, 0.01, 0.0, "why", lambda late: again())
@@ -253,7 +251,7 @@ def test_what_has_no_margin_is_not_confirmed_by_the_answers_that_it_was_judged_b
     assert found.reason.startswith("why; ")
 
 
-def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> None:
+def test_a_gate_stepped_again_receives_the_rigs_frames_in_order_of_arrival(rig: Rig) -> None:
     from liftgate_hil.codec.frames import LOGGED
 
     frames = np.zeros(4, dtype=LOGGED)
@@ -264,10 +262,10 @@ def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> Non
     assert relevant_frames(rig, frames, nothing, stimuli)["time_ns"].tolist() == [1_001_000, 2_000_000]
 
 
-def test_a_message_between_others_is_heard_again_where_an_expectation_speaks_of_it(
+def test_messages_between_other_nodes_are_replayed_if_an_expectation_uses_them(
     run: tuple[Path, list[Path], float], tmp_path: Path
 ) -> None:
-    """As an ECU's own status, which no gate reads; what the gate sends it sends anew."""
+    """Such as an ECU's own status, which the gate does not read; the gate's own frames are sent anew."""
     _, files, peak = run
     log = tmp_path / "run.log"
     lines = files[1].read_text().splitlines()
@@ -285,7 +283,7 @@ def test_a_message_between_others_is_heard_again_where_an_expectation_speaks_of_
     assert lh.judge([files[0], log], path)["asked"].margin == found.margin
 
 
-def test_a_recording_of_the_gate_alone_tells_no_commands(
+def test_a_recording_without_commands_cannot_be_stepped_again(
     run: tuple[Path, list[Path], float], tmp_path: Path
 ) -> None:
     folder, files, peak = run

@@ -1,4 +1,4 @@
-"""A serial line whose other end a test holds."""
+"""A serial line whose other end the test holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.transport.serial_port import SerialTransport
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[Terminal]:
-    """The far end."""
+    """Pseudo-terminal at the far end of the line."""
     made = Terminal(tmp_path / "tty")
     yield made
     made.close()
@@ -28,7 +28,7 @@ def line(terminal: Terminal) -> Iterator[SerialTransport]:
 
 @pytest.fixture
 def server() -> Iterator[Server]:
-    """A far end on the network."""
+    """Socket server at the far end of the line."""
     made = Server()
     yield made
     made.drop()

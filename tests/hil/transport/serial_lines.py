@@ -1,4 +1,4 @@
-"""Good and bad serial lines, for several tests."""
+"""Undisturbed and disturbed serial lines, for several tests."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" *
 
 
 def line_of(rows: Sequence[tuple[int, bytes]]) -> bytes:
-    """The bytes of frames, each (identifier, payload)."""
+    """Encoded bytes of frames, each (identifier, payload)."""
     return b"".join(encode(*row) for row in rows)
 
 
 def noisy_line(seed: int) -> tuple[list[tuple[int, bytes]], bytes]:
-    """Frames that were sent, and what a bad line made of them: cuts, insertions, flips, noise."""
+    """Sent frames, and the bytes received over a bad line: with cuts, insertions, bit flips, noise."""
     dice = random.Random(seed)
     sent = []
     line = bytearray()

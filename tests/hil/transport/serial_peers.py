@@ -40,7 +40,7 @@ class Terminal:
         os.write(self.master, data)
 
     def read(self, size: int = 1 << 20) -> bytes:
-        """What is there now."""
+        """Return the bytes received so far."""
         data = b""
         with contextlib.suppress(BlockingIOError, OSError):
             while len(data) < size and (piece := os.read(self.master, 4096)):
@@ -53,7 +53,7 @@ class Terminal:
 
 
 class Server:
-    """Takes one client at a time on a local port."""
+    """Socket server that accepts one client at a time on a local port."""
 
     def __init__(self) -> None:
         self.port = 0
@@ -87,5 +87,5 @@ def opened(url: str, **options: Any) -> Iterator[SerialTransport]:
 
 
 def descriptors() -> int:
-    """How many files this process has open."""
+    """Number of file descriptors that this process has open."""
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208

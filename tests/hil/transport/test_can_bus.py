@@ -1,4 +1,4 @@
-"""python-can's buses behind `CanTransport`: frames go through whole, faults of the wire are counted."""
+"""`CanTransport` over python-can: frames arrive complete, faults of the bus are counted."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from liftgate_hil.transport.socketcan import SocketCan
         ("vector:0", {"interface": "vector", "channel": "0", "bitrate": 250_000}),
     ],
 )
-def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: dict[str, Any]):
+def test_a_bus_is_specified_by_interface_channel_and_bit_rate(text: str, expected: dict[str, Any]):
     assert parse_bus(text, 250_000.0) == expected
 
 
@@ -55,17 +55,17 @@ def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: d
     ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5", "pcan:@500000",
      "socketcan:@500000"],
 )  # fmt: skip
-def test_a_bus_that_is_none_is_reported_with_examples(text: str):
+def test_an_invalid_bus_name_is_reported_with_examples(text: str):
     with pytest.raises(ConfigError, match="`bus`"):
         parse_bus(text, 500_000.0)
 
 
-def test_only_one_way_to_name_the_bus(rig: Rig):
+def test_two_ways_of_naming_the_bus_at_once_are_refused(rig: Rig):
     with pytest.raises(ConfigError, match=r"`bus` and -i/-c"):
         bus_arguments(WireChoice(bus="virtual:x", interface="virtual"), rig)
 
 
-def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_python_cans_flags_and_environment_variables_work(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     found = bus_arguments(WireChoice(interface="virtual", channel="x"), rig)
     assert (found["interface"], found["channel"]) == ("virtual", "x")
@@ -75,7 +75,7 @@ def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytes
     assert (found["interface"], found["channel"]) == ("udp_multicast", "239.0.0.7")
 
 
-def test_no_bus_at_all_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_a_missing_bus_name_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
@@ -88,7 +88,7 @@ def test_an_interface_that_does_not_exist_is_reported(rig: Rig):
         CanTransport(bus_arguments(WireChoice(bus="nosuch:0"), rig))
 
 
-def test_a_kernel_without_socketcan_is_named_and_not_the_interface(monkeypatch: pytest.MonkeyPatch):
+def test_a_kernel_without_socketcan_is_reported_as_the_cause(monkeypatch: pytest.MonkeyPatch):
     def refused(*family: Any) -> None:
         raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
 
@@ -100,7 +100,7 @@ def test_a_kernel_without_socketcan_is_named_and_not_the_interface(monkeypatch: 
         SocketCan("vcan0")
 
 
-def test_what_a_driver_logs_is_part_of_the_message_and_not_on_stderr(
+def test_log_messages_of_a_driver_are_part_of_the_error_and_not_on_stderr(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     def broken(**arguments: Any) -> None:
@@ -137,7 +137,7 @@ def test_a_bus_that_cannot_be_opened_is_reported_on_one_line(
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "5", "null", "[" * 100_000])
 @pytest.mark.parametrize("choice", [WireChoice(bus="virtual:x"), WireChoice(interface="virtual")])
-def test_an_environment_that_is_no_configuration_is_reported(
+def test_an_invalid_can_config_environment_variable_is_reported(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, choice: WireChoice, text: str
 ):
     monkeypatch.setenv("CAN_CONFIG", text)
@@ -145,7 +145,7 @@ def test_an_environment_that_is_no_configuration_is_reported(
         bus_arguments(choice, rig)
 
 
-def test_a_configuration_of_python_cans_that_cannot_be_read_is_reported(
+def test_an_unreadable_python_can_configuration_file_is_reported(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     broken = text_file(tmp_path / "can.conf", "interface = virtual\n")
@@ -176,7 +176,7 @@ ROWS = [
 ]
 
 
-def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]):
+def test_frames_of_every_kind_are_received_complete(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     for row in range(len(ROWS)):
         other.send(message_of(frames_of(ROWS), row))
@@ -188,7 +188,7 @@ def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]
     assert transport.receive().count == 0
 
 
-def test_frames_leave_as_they_are(pair: tuple[CanTransport, can.BusABC]):
+def test_frames_are_sent_unchanged(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     rows = [row for row in ROWS if not row[0] & ERROR]
     transport.send(frames_of(rows))
@@ -204,7 +204,7 @@ def test_frames_leave_as_they_are(pair: tuple[CanTransport, can.BusABC]):
 
 @CALM
 @given(st.integers(0, 0x1FFFFFFF), st.booleans(), st.binary(max_size=8))
-def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, payload: bytes):
+def test_a_message_has_the_content_of_its_frame(number: int, extended: bool, payload: bytes):
     identifier = number | EXTENDED if extended else number & 0x7FF
     message = message_of(frames_of([(identifier, payload)]), 0)
     assert message.arbitration_id == identifier & 0x1FFFFFFF
@@ -214,7 +214,7 @@ def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, paylo
     message._check()
 
 
-def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(pair: tuple[CanTransport, can.BusABC]):
+def test_a_read_returns_at_most_its_capacity_and_the_next_continues(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     for number in range(CAPACITY + 7):
         other.send(can.Message(arbitration_id=number, is_extended_id=False))
@@ -248,7 +248,7 @@ NO_FRAMES = [
 
 
 @pytest.mark.parametrize("fields", NO_FRAMES, ids=str)
-def test_a_message_that_can_be_no_frame_is_counted_and_the_next_arrives(
+def test_an_invalid_message_is_counted_and_the_next_is_received(
     monkeypatch: pytest.MonkeyPatch, fields: dict[str, Any]
 ):
     odd = can.Message(**{"is_extended_id": False, **fields})
@@ -259,7 +259,7 @@ def test_a_message_that_can_be_no_frame_is_counted_and_the_next_arrives(
 
 
 @pytest.mark.parametrize("data", [None, "text", 8, [1.5]])
-def test_a_payload_of_another_type_is_counted(monkeypatch: pytest.MonkeyPatch, data: Any):
+def test_a_payload_of_a_wrong_type_is_counted(monkeypatch: pytest.MonkeyPatch, data: Any):
     odd = can.Message(arbitration_id=5, is_extended_id=False)
     odd.data = data
     transport = faulty(monkeypatch, [odd])
@@ -267,7 +267,7 @@ def test_a_payload_of_another_type_is_counted(monkeypatch: pytest.MonkeyPatch, d
     assert transport.counts() == LinkCounts(unreadable_frames=1)
 
 
-def test_whole_numbers_of_numpy_are_whole_numbers(monkeypatch: pytest.MonkeyPatch):
+def test_numpy_integers_are_accepted_as_identifiers(monkeypatch: pytest.MonkeyPatch):
     number: Any = np.int64(5)
     message = can.Message(arbitration_id=number, is_extended_id=False, is_remote_frame=True)
     message.dlc = number
@@ -275,7 +275,7 @@ def test_whole_numbers_of_numpy_are_whole_numbers(monkeypatch: pytest.MonkeyPatc
     assert (int(frames.identifiers[0]), int(frames.lengths[0])) == (5 | REMOTE, 5)
 
 
-def test_any_number_of_messages_that_are_no_frames_is_no_lost_link(monkeypatch: pytest.MonkeyPatch):
+def test_invalid_messages_in_any_number_do_not_count_as_a_lost_link(monkeypatch: pytest.MonkeyPatch):
     odd: list[Any] = [can.Message(arbitration_id=-1), ValueError("a line cut short"), IndexError()]
     transport = faulty(monkeypatch, [*odd * 100, can.Message(arbitration_id=5)])
     assert transport.receive().count == 1
@@ -283,7 +283,7 @@ def test_any_number_of_messages_that_are_no_frames_is_no_lost_link(monkeypatch: 
     assert transport.counts() == LinkCounts(unreadable_frames=300)
 
 
-def test_a_flood_of_what_is_no_frame_does_not_keep_a_read(monkeypatch: pytest.MonkeyPatch):
+def test_a_flood_of_invalid_messages_does_not_block_a_read(monkeypatch: pytest.MonkeyPatch):
     results: list[Any] = [can.Message(arbitration_id=-1)] * 10 * CAPACITY
     transport = faulty(monkeypatch, results)
     assert transport.receive().count == 0
@@ -291,7 +291,7 @@ def test_a_flood_of_what_is_no_frame_does_not_keep_a_read(monkeypatch: pytest.Mo
 
 
 class Faulty:
-    """A bus that fails as drivers do."""
+    """A bus whose reads give messages or raise errors as drivers do."""
 
     def __init__(self, results: list[Any]) -> None:
         self.results = results
@@ -314,8 +314,8 @@ def faulty(monkeypatch: pytest.MonkeyPatch, results: list[Any]) -> CanTransport:
     return CanTransport({"interface": "virtual", "channel": "x"})
 
 
-def test_arrivals_never_go_back_however_late_a_clock_is_read(monkeypatch: pytest.MonkeyPatch):
-    """A thread that stands still between two looks at the clocks takes a frame for an older one."""
+def test_arrival_times_never_decrease_even_if_a_clock_is_read_late(monkeypatch: pytest.MonkeyPatch):
+    """A thread that pauses between reading two clocks would take a frame for an older one."""
     clock = iter([time.time_ns() + pause for pause in (0, 0, 400_000_000, 0)])
     messages = [can.Message(arbitration_id=1, timestamp=time.time()) for _ in range(4)]
     transport = faulty(monkeypatch, list(messages))
@@ -329,7 +329,7 @@ FAULTS = [can.CanOperationError("down"), OSError(100, "Network is down"), OSErro
 
 
 @pytest.mark.parametrize("error", FAULTS)
-def test_a_fault_while_receiving_is_counted_and_keeps_what_came_before(
+def test_a_receive_error_is_counted_and_keeps_frames_received_before(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ):
     message = can.Message(arbitration_id=5, is_extended_id=False)
@@ -343,7 +343,7 @@ def test_a_fault_while_receiving_is_counted_and_keeps_what_came_before(
     assert transport.counts() == LinkCounts(receive_failures=1, losses=int(lost), before_start=int(lost))
 
 
-def test_a_driver_that_only_fails_is_opened_again(monkeypatch: pytest.MonkeyPatch):
+def test_a_driver_that_keeps_failing_is_reopened(monkeypatch: pytest.MonkeyPatch):
     transport = faulty(monkeypatch, [can.CanOperationError("?")] * 10 + [can.Message()])
     for _ in range(10):
         assert transport.is_up
@@ -355,7 +355,7 @@ def test_a_driver_that_only_fails_is_opened_again(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("error", [*FAULTS, OSError(105, "No buffer space available")])
-def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_go(
+def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_are_sent(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ):
     transport = faulty(monkeypatch, [None, error, None])
@@ -363,7 +363,7 @@ def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_go(
     assert transport.counts().send_failures == 1
 
 
-def test_sending_nothing_sends_nothing(pair: tuple[CanTransport, can.BusABC]):
+def test_sending_an_empty_batch_sends_nothing(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     transport.send(empty_frames(5))
     assert other.recv(0) is None
@@ -388,7 +388,7 @@ BA_ "VFrameFormat" BO_ 2566844672 15;
 """  # noqa: E501
 
 
-def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path):
+def test_each_message_is_sent_in_the_frame_format_of_its_database(tmp_path: Path):
     rig = rig_of(
         tmp_path,
         MIXED,

@@ -1,4 +1,4 @@
-"""The serial line's frames: known vectors, and what survives which garbage."""
+"""Frames of the serial line: known vectors, and which frames survive corrupted bytes."""
 
 from __future__ import annotations
 
@@ -38,35 +38,35 @@ frames = st.tuples(identifiers, payloads)
         ("11000000", "0211010101"),
     ],
 )
-def test_cobs_of_known_examples(plain: str, stuffed: str):
+def test_cobs_encoding_matches_known_examples(plain: str, stuffed: str):
     assert stuff(bytes.fromhex(plain)).hex().upper() == stuffed
     assert unstuff(bytes.fromhex(stuffed)) == bytes.fromhex(plain)
 
 
-def test_the_crc_is_the_one_with_this_check_value():
+def test_the_crc_has_its_published_check_value():
     assert crc16(b"123456789") == 0x29B1
 
 
 @CALM
 @given(st.binary(max_size=80))
-def test_the_crc_is_that_of_somebody_else(data: bytes):
+def test_the_crc_agrees_with_an_independent_implementation(data: bytes):
     assert crc16(data) == Crc16CcittFalse.calc(data)
 
 
-def test_a_frame_byte_for_byte():
+def test_an_encoded_frame_has_the_documented_bytes():
     # id 0x120 → 20 01, payload 00 AA, CRC over 20 01 00 AA, each with its low byte first.
     crc = Crc16CcittFalse.calc(bytes.fromhex("200100AA"))
     assert crc == 0x901E
     assert encode(0x120, b"\x00\xaa") == bytes.fromhex("032001" + "04AA1E90" + "00")
 
 
-def test_the_frame_on_the_page_is_a_frame():
+def test_the_example_frame_in_the_manual_decodes():
     (example,) = re.findall(r"eight zeros is `([0-9A-F ]+)`", PAGE.read_text(encoding="utf-8"))
     assert encode(0x120, bytes(8)) == bytes.fromhex(example)
 
 
 @pytest.mark.parametrize(("identifier", "size"), [(-1, 0), (0x800, 0), (0x1FFFFFFF, 8), (0, 65)])
-def test_what_the_line_has_no_room_for_is_refused(identifier: int, size: int):
+def test_frames_too_large_for_the_line_are_refused(identifier: int, size: int):
     with pytest.raises(ValueError, match="allowed"):
         encode(identifier, bytes(size))
 
@@ -76,7 +76,7 @@ def test_what_the_line_has_no_room_for_is_refused(identifier: int, size: int):
 
 @CALM
 @given(st.lists(frames), st.lists(st.integers(0, 2000)))
-def test_frames_come_out_as_they_went_in_however_they_are_cut(rows: list[tuple[int, bytes]], cuts: list[int]):
+def test_frames_are_decoded_whatever_the_read_boundaries(rows: list[tuple[int, bytes]], cuts: list[int]):
     line = line_of(rows)
     assert line.count(0) == len(rows)
     decoder = CobsDecoder()
@@ -88,7 +88,7 @@ def test_frames_come_out_as_they_went_in_however_they_are_cut(rows: list[tuple[i
 
 @CALM
 @given(st.lists(frames, min_size=1), st.integers(1, 5))
-def test_zeros_between_frames_are_nothing(rows: list[tuple[int, bytes]], zeros: int):
+def test_zero_bytes_between_frames_are_ignored(rows: list[tuple[int, bytes]], zeros: int):
     decoder = CobsDecoder()
     line = bytes(zeros) + b"".join(encode(*row) + bytes(zeros) for row in rows)
     assert decoder.feed(line) == rows
@@ -100,7 +100,7 @@ def test_zeros_between_frames_are_nothing(rows: list[tuple[int, bytes]], zeros: 
 
 @CALM
 @given(st.binary(max_size=300), frames)
-def test_the_next_whole_frame_after_garbage_gets_through(garbage: bytes, frame: tuple[int, bytes]):
+def test_the_next_complete_frame_after_garbage_is_decoded(garbage: bytes, frame: tuple[int, bytes]):
     decoder = CobsDecoder()
     decoder.feed(garbage + b"\0")
     assert decoder.feed(encode(*frame)) == [frame]
@@ -108,7 +108,7 @@ def test_the_next_whole_frame_after_garbage_gets_through(garbage: bytes, frame: 
 
 @CALM
 @given(frame=frames, following=frames, data=st.data())
-def test_a_frame_cut_inside_costs_itself_only(
+def test_a_truncated_frame_does_not_spoil_the_next(
     frame: tuple[int, bytes], following: tuple[int, bytes], data: st.DataObject
 ):
     whole = encode(*frame)
@@ -121,7 +121,7 @@ def test_a_frame_cut_inside_costs_itself_only(
 
 @CALM
 @given(frame=frames, following=frames, data=st.data())
-def test_one_flipped_bit_is_never_taken_for_a_frame(
+def test_a_frame_with_one_flipped_bit_is_never_accepted(
     frame: tuple[int, bytes], following: tuple[int, bytes], data: st.DataObject
 ):
     line = bytearray(encode(*frame) + b"\0" + encode(*following))
@@ -148,7 +148,7 @@ def test_one_flipped_bit_is_never_taken_for_a_frame(
         (b"\0\0\0", BadFrames()),
     ],
 )  # fmt: skip
-def test_each_bad_frame_counts_under_its_cause(line: bytes, cause: BadFrames):
+def test_each_bad_frame_is_counted_under_its_cause(line: bytes, cause: BadFrames):
     decoder = CobsDecoder()
     assert decoder.feed(line) == []
     assert decoder.counts == cause
@@ -157,7 +157,7 @@ def test_each_bad_frame_counts_under_its_cause(line: bytes, cause: BadFrames):
     assert one_by_one.counts == cause
 
 
-def test_garbage_without_any_zero_takes_no_memory_and_counts_once():
+def test_garbage_without_zero_bytes_is_not_buffered_and_counts_once():
     decoder = CobsDecoder()
     for _ in range(1000):
         assert decoder.feed(b"\xaa" * 1000) == []
@@ -167,7 +167,7 @@ def test_garbage_without_any_zero_takes_no_memory_and_counts_once():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_bad_line_delivers_nothing_that_was_not_sent(seed: int):
+def test_a_disturbed_line_delivers_only_frames_that_were_sent(seed: int):
     sent, line = noisy_line(seed)
     decoder = CobsDecoder()
     got = decoder.feed(line)

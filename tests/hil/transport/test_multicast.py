@@ -1,4 +1,4 @@
-"""Buses of UDP multicast: whose datagrams count, and how far they reach."""
+"""UDP multicast buses: which datagrams are accepted, and how far they reach."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _no_files(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def group(number: int) -> str:
-    """A group of this process's own: others may test beside it."""
+    """Multicast group used by this process only, as other tests may run beside it."""
     return f"udp_multicast:239.78.{os.getpid() % 250 + 1}.{number}"
 
 
@@ -46,7 +46,7 @@ def transport_of(rig: Rig, name: str) -> CanTransport:
 
 @pytest.fixture
 def pair(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CanTransport, Any]]:
-    """A transport, and python-can's own bus in the same group."""
+    """A transport and a bus of python-can in the same multicast group."""
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43211}))
     arguments = bus_arguments(WireChoice(bus=group(2)), rig)
     transport = CanTransport(arguments)
@@ -80,7 +80,7 @@ JUNK = [
 ]
 
 
-def test_datagrams_that_are_no_frames_are_counted_and_survived(pair: tuple[CanTransport, Any]):
+def test_datagrams_that_are_no_frames_are_counted_and_skipped(pair: tuple[CanTransport, Any]):
     transport, other = pair
     got = []
     for junk in JUNK:
@@ -96,7 +96,7 @@ BURST = 3000  # more than the socket of `small` has room for
 
 
 def small(transport: CanTransport) -> None:
-    """Give a transport's socket a buffer that a burst fills."""
+    """Shrink the transport's receive buffer so that a burst overflows it."""
     transport._bus._multicast._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65_536)
 
 
@@ -116,9 +116,7 @@ def test_frames_that_the_kernel_drops_are_counted(pair: tuple[CanTransport, Any]
     assert transport.counts() == LinkCounts(dropped=BURST - read)
 
 
-def test_dropped_frames_come_to_the_loop_with_the_next_one_those_before_the_start_do_not(
-    pair: tuple[CanTransport, Any],
-):
+def test_drops_are_passed_with_the_next_frame_except_those_before_the_start(pair: tuple[CanTransport, Any]):
     transport, other = pair
     small(transport)
     pump = Pump(transport)
@@ -137,7 +135,7 @@ def test_dropped_frames_come_to_the_loop_with_the_next_one_those_before_the_star
     pump.close()
 
 
-def test_a_bus_has_a_large_buffer(pair: tuple[CanTransport, Any]):
+def test_a_multicast_bus_has_a_large_receive_buffer(pair: tuple[CanTransport, Any]):
     transport, other = pair
     ours, usual = (
         each._multicast._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) for each in (transport._bus, other)
@@ -146,18 +144,18 @@ def test_a_bus_has_a_large_buffer(pair: tuple[CanTransport, Any]):
 
 
 @pytest.mark.parametrize("is_told", [True, False])
-def test_a_kernel_that_does_not_tell_what_it_drops_is_named(monkeypatch: pytest.MonkeyPatch, is_told: bool):
+def test_a_kernel_that_does_not_report_drops_is_named(monkeypatch: pytest.MonkeyPatch, is_told: bool):
     monkeypatch.setattr(multicast, "tells_drops", lambda: is_told)
     assert ("losses go unnoticed" in multicast.reach({"hop_limit": 0})) is not is_told
 
 
-def test_a_number_as_data_is_not_that_much_memory(pair: tuple[CanTransport, Any]):
+def test_a_number_in_place_of_data_allocates_no_memory(pair: tuple[CanTransport, Any]):
     # python-can would make a bytearray of so many zeros.
     with pytest.raises(multicast.NotAFrameError):
         multicast.unpacked(fields_of(data=1 << 34, dlc=1 << 34), 0.0)
 
 
-def test_nobody_hears_himself(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_benches_in_one_group_do_not_receive_their_own_frames(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43210}))
     first, second = transport_of(rig, group(1)), transport_of(rig, group(1))
     try:
@@ -173,7 +171,9 @@ def test_nobody_hears_himself(rig: Rig, monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize("address", ["239.78.{}.{}", "ff15::{}:{}"])
-def test_benches_on_two_groups_do_not_hear_each_other(rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str):
+def test_benches_in_two_groups_do_not_receive_each_others_frames(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str
+):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43212}))
     here = os.getpid() % 250 + 1
     groups = [f"udp_multicast:{address.format(here, number)}" for number in (3, 4, 3)]
@@ -201,7 +201,7 @@ def test_benches_on_two_groups_do_not_hear_each_other(rig: Rig, monkeypatch: pyt
     [WireChoice(bus="udp_multicast:239.0.0.7"), WireChoice(interface="udp_multicast", channel="239.0.0.7")],
     ids=["bus", "interface"],
 )
-def test_a_bus_stays_on_this_machine_unless_its_configuration_says_otherwise(
+def test_a_multicast_bus_stays_on_this_machine_unless_configured_otherwise(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, choice: WireChoice, config: dict[str, int], hops: int
 ):
     monkeypatch.setenv("CAN_CONFIG", json.dumps(config))
@@ -211,20 +211,20 @@ def test_a_bus_stays_on_this_machine_unless_its_configuration_says_otherwise(
 
 
 @pytest.mark.parametrize("hops", [-1, 256, "a", 1.5, None])
-def test_a_hop_limit_that_is_none_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch, hops: Any):
+def test_an_invalid_hop_limit_is_reported(rig: Rig, monkeypatch: pytest.MonkeyPatch, hops: Any):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"hop_limit": hops}))
     with pytest.raises(ConfigError, match=r"hop_limit .*; allowed: 0"):
         bus_arguments(WireChoice(bus="udp_multicast:239.0.0.7"), rig)
 
 
 @pytest.mark.parametrize("name", ["1.2.3.4", "240.0.0.1", "localhost", "fe80::1", "ff02::1%lo", "239.1"])
-def test_what_is_no_group_is_reported_with_what_is(rig: Rig, name: str):
+def test_an_invalid_multicast_group_is_reported_with_the_allowed_ones(rig: Rig, name: str):
     with pytest.raises(ConfigError, match=r"not a multicast address; allowed: a group of 224\.0\.0\.0/4"):
         bus_arguments(WireChoice(bus=f"udp_multicast:{name}"), rig)
 
 
 class Foreign:
-    """A bus whose datagrams come from elsewhere."""
+    """A bus whose datagrams come from other senders."""
 
     protocol = can.CanProtocol.CAN_FD
 
@@ -244,7 +244,7 @@ class Foreign:
 def counted(
     monkeypatch: pytest.MonkeyPatch, senders: list[tuple[Any, ...]], hops: int, name: str = "239.0.0.7"
 ) -> tuple[int, int]:
-    """Frames that counted, and those that were refused."""
+    """Number of accepted and of refused frames."""
     monkeypatch.setattr(can, "Bus", lambda **arguments: Foreign(senders, name))
     transport = CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": hops})
     try:
@@ -274,13 +274,13 @@ def test_another_machine_can_command_the_gate_only_with_a_hop_limit(
     assert counted(monkeypatch, [sender] * 3, hops) == (taken, refused)
 
 
-def test_no_address_is_this_machine_where_none_comes_from_outside(monkeypatch: pytest.MonkeyPatch):
+def test_a_sender_without_an_address_counts_as_local_except_in_224_0_0_0(monkeypatch: pytest.MonkeyPatch):
     # What is sent over `lo` by a route without a source address; routers and hosts use it in 224.0.0.0/24.
     assert counted(monkeypatch, [("0.0.0.0", 1)], hops=0) == (1, 0)
     assert counted(monkeypatch, [("0.0.0.0", 1)], hops=0, name="224.0.0.9") == (0, 1)
 
 
-def test_many_senders_take_no_memory():
+def test_the_memory_for_known_senders_is_limited():
     bus = Foreign([(f"203.0.113.{number}", 1) for number in range(200)])
     receiver = multicast.Receiver(bus, {"hop_limit": 0})
     for _ in range(200):
@@ -291,7 +291,7 @@ def test_many_senders_take_no_memory():
 
 
 class Offline(socket.socket):
-    """What a machine without a network gives."""
+    """Socket errors of a machine without a network."""
 
     def connect(self, address: Any) -> None:
         raise OSError(errno.ENETUNREACH, "Network is unreachable")
@@ -300,13 +300,13 @@ class Offline(socket.socket):
 @pytest.mark.parametrize(
     ("name", "how"), [("239.0.0.7", "ip route add 224.0.0.0/4 dev lo"), ("ff15::1", "a group of IPv4")]
 )
-def test_a_machine_without_a_network_is_reported_what_to_do(monkeypatch: pytest.MonkeyPatch, name: str, how: str):
+def test_a_machine_without_a_network_gets_a_remedy(monkeypatch: pytest.MonkeyPatch, name: str, how: str):
     monkeypatch.setattr(socket, "socket", Offline)
     with pytest.raises(TransportError, match=f"offline.*allowed: with a network, or .*{how}"):
         CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": 0})
 
 
-def test_a_python_can_that_is_not_known_is_reported(monkeypatch: pytest.MonkeyPatch):
+def test_an_unknown_version_of_python_can_is_reported(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can, "Bus", lambda **arguments: object())
     with pytest.raises(TransportError, match=r"not known in python-can [0-9]"):
         CanTransport({"interface": "udp_multicast", "channel": "239.0.0.7", "hop_limit": 0})
@@ -320,14 +320,14 @@ def test_a_python_can_that_is_not_known_is_reported(monkeypatch: pytest.MonkeyPa
         ("ff15:7079:7468:6f6e:6465:6d6f:6d63:6173", "ff15:7079:7468:6f6e:6465:6d6f:6d63:6174"),
     ],
 )
-def test_another_group_keeps_two_benches_of_one_machine_apart(rig: Rig, own: str, other: str):
+def test_another_multicast_group_is_suggested_to_separate_two_benches(rig: Rig, own: str, other: str):
     way = find_way(WireChoice(bus=f"udp_multicast:{own}"), rig)
     assert f"--bus udp_multicast:{other} for one of them" in way.apart
     find_way(WireChoice(bus=f"udp_multicast:{other}"), rig)
     assert find_way(WireChoice(bus="virtual:here"), rig).apart == ""
 
 
-def test_each_wire_says_why_frames_may_find_no_room(rig: Rig):
+def test_each_kind_of_wire_explains_why_its_send_queue_may_be_full(rig: Rig):
     def why(**choice: Any) -> str:
         return find_way(WireChoice(**choice), rig).why_full
 

@@ -1,4 +1,4 @@
-"""A pump: frames go both ways whole and in order, and a driver may fail or stand still as it likes."""
+"""Pump thread of a bus: frames pass complete and in order, whether or not a driver fails or blocks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def send(pump: Pump, rows: Rows) -> Writing:
 
 
 class Reader:
-    """What the loop's side has got so far."""
+    """Frames that the loop's side has received so far."""
 
     def __init__(self, pump: Pump) -> None:
         self._pump = pump
@@ -78,7 +78,7 @@ ROWS: Rows = [
 ]
 
 
-def test_frames_of_every_kind_come_in_whole_with_their_arrival(pair: tuple[Pump, can.BusABC]):
+def test_the_pump_receives_frames_of_every_kind_with_their_arrival_times(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     before = time.monotonic_ns()
     rows = [*ROWS, (0x123 | ERROR, b"")]
@@ -92,7 +92,7 @@ def test_frames_of_every_kind_come_in_whole_with_their_arrival(pair: tuple[Pump,
     assert before <= reader.stamps[0] <= reader.stamps[-1] <= time.monotonic_ns()
 
 
-def test_frames_of_every_kind_go_out_whole(pair: tuple[Pump, can.BusABC]):
+def test_the_pump_sends_frames_of_every_kind_complete(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     rows = [*ROWS, (0x55 | REMOTE, bytes(5))]
     assert send(pump, rows) == Writing(len(rows), 0, 0, 0)
@@ -108,7 +108,7 @@ def test_frames_of_every_kind_go_out_whole(pair: tuple[Pump, can.BusABC]):
     assert other.recv(0) is None
 
 
-def test_both_ways_at_once_keep_their_order(pair: tuple[Pump, can.BusABC]):
+def test_frames_sent_and_received_at_once_keep_their_order(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     reader = Reader(pump)
     out = 0
@@ -125,7 +125,7 @@ def test_both_ways_at_once_keep_their_order(pair: tuple[Pump, can.BusABC]):
     assert out > 0
 
 
-def test_a_slow_reader_holds_up_nothing_and_gets_all(pair: tuple[Pump, can.BusABC]):
+def test_a_slow_reader_blocks_nothing_and_gets_every_frame(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     for number in range(5000):
         other.send(can.Message(arbitration_id=number, is_extended_id=True))
@@ -138,7 +138,7 @@ def test_a_slow_reader_holds_up_nothing_and_gets_all(pair: tuple[Pump, can.BusAB
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == list(range(5000))
 
 
-def test_closing_sends_all_that_was_written_before(pair: tuple[Pump, can.BusABC]):
+def test_closing_the_pump_sends_all_frames_written_before(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     rows = [(number, b"") for number in range(200)]
     assert send(pump, rows).sent == 200
@@ -149,7 +149,7 @@ def test_closing_sends_all_that_was_written_before(pair: tuple[Pump, can.BusABC]
     assert got == list(range(200))
 
 
-def test_closing_does_not_wait_for_a_loop_that_reads_no_more(pair: tuple[Pump, can.BusABC]):
+def test_closing_the_pump_does_not_wait_for_unread_frames(pair: tuple[Pump, can.BusABC]):
     pump, other = pair
     for number in range(5000):
         other.send(can.Message(arbitration_id=number, is_extended_id=True))
@@ -158,7 +158,7 @@ def test_closing_does_not_wait_for_a_loop_that_reads_no_more(pair: tuple[Pump, c
 
 
 class Driver:
-    """A python-can bus that does what a test says. A received exception is raised, a message is given."""
+    """A python-can bus controlled by the test: raises received exceptions, returns messages."""
 
     opened = 0
 
@@ -194,7 +194,7 @@ class Driver:
 
 
 class Rig:
-    """A pump on drivers, and the bus that may refuse to be opened."""
+    """A pump on test drivers, whose bus can refuse to be opened."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.come: queue.Queue[Any] = queue.Queue()
@@ -224,17 +224,17 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
 
 
 class VendorError(Exception):
-    """Neither python-can's nor the system's."""
+    """An exception of a driver's own, of neither python-can nor the operating system."""
 
 
 def is_read(rig: Rig) -> bool:
-    """Whether the pump reads what comes now."""
+    """Whether the pump reads new messages."""
     transport, before = rig.pump._transport, time.monotonic_ns()
     wait_for(lambda: transport._since_ns > before)
     return bool(transport.is_up)
 
 
-def test_what_a_bus_held_back_while_it_was_lost_is_dropped(rig: Rig):
+def test_frames_queued_by_a_lost_bus_are_dropped(rig: Rig):
     reader = Reader(rig.pump)
     rig.come.put(OSError(100, "Network is down"))
     for number in range(5):
@@ -246,7 +246,7 @@ def test_what_a_bus_held_back_while_it_was_lost_is_dropped(rig: Rig):
     assert rig.pump.counts().before_start == 5
 
 
-def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
+def test_a_failing_driver_is_reopened_a_hundred_times_without_leaks(rig: Rig):
     reader = Reader(rig.pump)
     news: list[str] = []
     threads, files = threading.active_count(), descriptors()
@@ -273,7 +273,7 @@ def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
     assert (threading.active_count(), descriptors()) == (threads, files)
 
 
-def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
+def test_loss_and_return_of_the_bus_are_reported_once_each(rig: Rig):
     assert rig.pump.watch(None) is None
     news: list[str] = []
 
@@ -305,7 +305,7 @@ def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
         (AttributeError("'NoneType' object has no attribute 'write'"), 0),
     ],
 )
-def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(rig: Rig, error: Exception, full: int):
+def test_frames_that_the_driver_refuses_are_counted_and_later_ones_are_sent(rig: Rig, error: Exception, full: int):
     rig.drivers[0].refuse = error
     send(rig.pump, [(1, b"")] * 100)
     wait_for(lambda: rig.pump.counts().send_failures == 100)
@@ -315,7 +315,7 @@ def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(rig: Rig, 
     assert rig.pump.counts() == LinkCounts(send_failures=100, send_queue_full=100 * full)
 
 
-def test_counts_are_right_while_both_ways_fail_at_once(rig: Rig):
+def test_counts_are_right_if_sending_and_receiving_fail_at_once(rig: Rig):
     rig.drivers[0].refuse = can.CanOperationError("no")
     for number in range(300):
         rig.come.put(can.CanOperationError("bad"))
@@ -327,7 +327,7 @@ def test_counts_are_right_while_both_ways_fail_at_once(rig: Rig):
     assert rig.pump.counts() == LinkCounts(receive_failures=300, send_failures=300)
 
 
-def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiving(rig: Rig):
+def test_a_driver_blocked_in_send_blocks_neither_the_loop_nor_receiving(rig: Rig):
     driver = rig.drivers[0]
     driver.gate.clear()
     assert send(rig.pump, [(1, b"")]).sent == 1
@@ -344,7 +344,7 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
     wait_for(lambda: driver.sent[-1].arbitration_id == 3)
 
 
-def test_the_loop_gets_the_time_that_its_frames_have_waited_for_the_thread(monkeypatch: pytest.MonkeyPatch):
+def test_the_loop_learns_how_long_its_frames_waited_for_the_pump(monkeypatch: pytest.MonkeyPatch):
     threads: list[threading.Thread] = []
     start = threading.Thread.start
 
@@ -366,7 +366,7 @@ def test_the_loop_gets_the_time_that_its_frames_have_waited_for_the_thread(monke
     pump.close()
 
 
-def test_what_the_driver_takes_is_not_the_benchs_delay(rig: Rig):
+def test_time_spent_in_the_driver_is_not_bench_delay(rig: Rig):
     control, driver = SimpleNamespace(line_late_ns=0), rig.drivers[0]
     rig.pump.watch(control)
     driver.gate.clear()
@@ -377,7 +377,7 @@ def test_what_the_driver_takes_is_not_the_benchs_delay(rig: Rig):
     assert control.line_late_ns < 900_000_000
 
 
-def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_closing_the_pump_gives_up_on_a_blocked_driver(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("liftgate_hil.transport.pump._LEAVE_S", 0.02)
     told: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", told.append)
@@ -391,7 +391,7 @@ def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: p
     assert told == []
 
 
-def test_a_lost_driver_may_be_sent_to_and_closed(rig: Rig):
+def test_sending_to_and_closing_a_lost_driver_are_no_errors(rig: Rig):
     rig.refusals = 10**9
     rig.come.put(OSError(19, "No such device"))
     wait_for(lambda: rig.pump.watch(None) == "is lost")
@@ -401,7 +401,7 @@ def test_a_lost_driver_may_be_sent_to_and_closed(rig: Rig):
     rig.pump.close()
 
 
-def test_a_step_of_the_wall_clock_does_not_hold_up_receiving(
+def test_a_step_of_the_wall_clock_does_not_block_receiving(
     pair: tuple[Pump, can.BusABC], monkeypatch: pytest.MonkeyPatch
 ):
     pump, other = pair
@@ -455,7 +455,7 @@ class Endless:
         self.closed += 1
 
 
-def test_what_came_before_the_loop_is_ready_is_dropped_and_counted():
+def test_frames_from_before_the_loop_is_ready_are_dropped_and_counted():
     channel = str(uuid.uuid4())
     with can.Bus(interface="virtual", channel=channel) as other:
         pump = Pump(CanTransport({"interface": "virtual", "channel": channel}))
@@ -470,8 +470,8 @@ def test_what_came_before_the_loop_is_ready_is_dropped_and_counted():
         pump.close()
 
 
-def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig):
-    """A process that stood still finds old frames, which the driver's own stamps tell."""
+def test_the_arrival_time_is_that_on_the_bus_and_not_of_the_read(rig: Rig):
+    """A process that stood still finds old frames, whose age the driver's timestamps show."""
     rig.pump._transport._since_ns = time.monotonic_ns() - 10 * 10**9
     old = can.Message(arbitration_id=1, timestamp=time.time() - 5.0)
     rig.come.put(old)
@@ -490,7 +490,7 @@ def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig)
         (None, 20.0, 20.0),  # nobody has looked for long
     ],
 )
-def test_the_age_of_a_frame_is_bounded_by_the_last_look(stamp: float | None, unseen_s: float, age_s: float):
+def test_a_frame_is_at_most_as_old_as_the_last_empty_read(stamp: float | None, unseen_s: float, age_s: float):
     given = 17.0 if stamp is None else time.time() - stamp
     assert age_of(given, round(1e9 * unseen_s)) == pytest.approx(1e9 * age_s, abs=0.5e9)
     if age_s in (0.0, 0.01):
@@ -498,7 +498,7 @@ def test_the_age_of_a_frame_is_bounded_by_the_last_look(stamp: float | None, uns
 
 
 @pytest.mark.parametrize("read_before", [True, False])
-def test_a_flood_does_not_keep_it_from_closing(read_before: bool):
+def test_a_flood_does_not_keep_the_pump_from_closing(read_before: bool):
     transport = Endless()
     pump = Pump(transport)
     reader = Reader(pump)
@@ -522,7 +522,7 @@ class Broken(Endless):
 
 
 @pytest.mark.parametrize(("way", "cause"), [("in", "RuntimeError"), ("out", "this way, too")])
-def test_a_thread_that_ends_is_reported_with_its_cause(way: str, cause: str):
+def test_a_pump_thread_that_ends_is_reported_with_its_cause(way: str, cause: str):
     transport = Broken()
     if way == "out":
         transport.receive = Endless().receive  # type: ignore[method-assign]
@@ -541,10 +541,10 @@ def test_a_thread_that_ends_is_reported_with_its_cause(way: str, cause: str):
     ("computes_ns", "waits_ns", "pauses"),
     [(100_000, 0, 5), (100_000, 90_000, 4), (100_000, 110_000, 0), (10_000, 1_000_000, 0)],
 )
-def test_a_thread_that_never_waits_gives_way_and_others_are_not_held_up(
+def test_a_busy_pump_thread_yields_the_cpu(
     monkeypatch: pytest.MonkeyPatch, computes_ns: int, waits_ns: int, pauses: int
 ):
-    """Under FIFO scheduling on one CPU the thread that sends would not run at all."""
+    """Else, under FIFO scheduling on one CPU, the sending thread would not run at all."""
     now, computed, slept = 0, 0, list[float]()
     monkeypatch.setattr(time, "monotonic_ns", lambda: now)
     monkeypatch.setattr(time, "thread_time_ns", lambda: computed)

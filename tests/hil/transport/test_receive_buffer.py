@@ -1,4 +1,4 @@
-"""The kernel's receive buffer: frames that it had no room for are counted, by its own counter."""
+"""The kernel's receive buffer: frames dropped for lack of room are counted by the kernel's counter."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from liftgate_hil.transport.receive_buffer import DropCounter, enlarge, kernel_d
 
 
 class Counting:
-    """A socket whose kernel has dropped so many frames; None: it does not tell."""
+    """A socket whose kernel has dropped this many frames; None: it does not report."""
 
     def __init__(self, *counts: int | None) -> None:
         self.counts = list(counts)
@@ -38,12 +38,12 @@ class Counting:
         ((None, 8, 9), [0, 1]),
     ],
 )
-def test_what_the_kernel_dropped_since_is_counted_once(counts: Any, found: list[int]):
+def test_frames_dropped_by_the_kernel_are_counted_once(counts: Any, found: list[int]):
     counter: Any = DropCounter(Counting(*counts))  # type: ignore[arg-type]
     assert [counter.take() for _ in found] == found
 
 
-def test_the_kernel_counts_what_its_buffer_has_no_room_for_for_every_reader():
+def test_the_kernel_counts_frames_dropped_by_its_buffer_for_every_socket():
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs,
@@ -65,7 +65,7 @@ def test_the_kernel_counts_what_its_buffer_has_no_room_for_for_every_reader():
 
 
 @pytest.mark.parametrize("is_permitted", [True, False])
-def test_a_buffer_is_as_large_as_the_kernel_allows(is_permitted: bool):
+def test_the_receive_buffer_is_as_large_as_the_kernel_allows(is_permitted: bool):
     asked: list[int] = []
 
     class Wire:

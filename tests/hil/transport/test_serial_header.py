@@ -1,4 +1,4 @@
-"""The C header says the same as the Python side, touches nothing that is not its own, and is C++ too."""
+"""The C header agrees with the Python codec, stays within its buffers, and compiles as C++."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def said_alike(decoder: CobsDecoder, counters: dict[str, int]) -> bool:
 
 @needs_compiler
 @pytest.mark.parametrize("fill", [bytes, lambda n: b"\xff" * n, random.Random(3).randbytes])
-def test_c_and_python_agree_on_every_size(header: ctypes.CDLL, fill: Callable[[int], bytes]):
+def test_c_and_python_agree_on_frames_of_every_size(header: ctypes.CDLL, fill: Callable[[int], bytes]):
     rows = [(31 * size & 0x7FF, fill(size)) for size in range(65)]
     for row in rows:
         assert c_encode(header, *row) == encode(*row)
@@ -166,7 +166,7 @@ def test_c_and_python_agree_on_every_size(header: ctypes.CDLL, fill: Callable[[i
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(20))
-def test_c_and_python_agree_on_a_bad_line(header: ctypes.CDLL, seed: int):
+def test_c_and_python_agree_on_a_disturbed_line(header: ctypes.CDLL, seed: int):
     _, line = noisy_line(seed)
     decoder = CobsDecoder()
     got, counters = c_decode(header, line)
@@ -189,7 +189,7 @@ def test_c_and_python_agree_on_any_bytes(header: ctypes.CDLL):
 
 
 @needs_compiler
-def test_the_header_refuses_what_the_line_has_no_room_for(header: ctypes.CDLL):
+def test_the_c_header_refuses_frames_too_large_for_the_line(header: ctypes.CDLL):
     assert c_encode(header, 0x800, b"") == b""
     assert c_encode(header, 0, bytes(65), room=100) == b""
     assert c_encode(header, 0, bytes(8), room=13) == b""
@@ -197,7 +197,7 @@ def test_the_header_refuses_what_the_line_has_no_room_for(header: ctypes.CDLL):
 
 
 @needs_compiler
-def test_the_header_reads_and_writes_nothing_that_is_not_its_own(tmp_path: Path):
+def test_the_c_header_stays_within_its_buffers(tmp_path: Path):
     target = tmp_path / "fuzzer"
     compile_c(
         FUZZER, target, "-std=c99", "-g", "-O1", "-fsanitize=address,undefined",
@@ -207,7 +207,7 @@ def test_the_header_reads_and_writes_nothing_that_is_not_its_own(tmp_path: Path)
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
-def test_the_header_is_cpp_too(tmp_path: Path):
+def test_the_c_header_compiles_as_cpp(tmp_path: Path):
     source = text_file(
         tmp_path / "use.cpp",
         '#include "liftgate_serial.h"\nint main() { lgs_receiver r = {}; lgs_frame f;\n'

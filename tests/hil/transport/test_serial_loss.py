@@ -1,4 +1,4 @@
-"""Serial ports that vanish and come back: counted, opened again, nothing leaked."""
+"""Serial ports that vanish and return: losses counted, ports reopened, no leaks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from liftgate_hil.transport.cobs import CobsDecoder, encode
 from liftgate_hil.transport.serial_port import SerialTransport
 
 
-def test_a_terminal_that_vanishes_and_returns_a_hundred_times_leaks_nothing(
+def test_a_port_that_vanishes_and_returns_a_hundred_times_leaks_nothing(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(serial_open, "_REOPEN_S", 0.005)
@@ -36,7 +36,7 @@ def test_a_terminal_that_vanishes_and_returns_a_hundred_times_leaks_nothing(
             assert (descriptors(), threading.active_count()) == (files, threads)
 
 
-def test_a_loss_inside_a_frame_does_not_garble_the_first_after_it(terminal: Terminal):
+def test_a_loss_within_a_frame_does_not_corrupt_the_next_frame(terminal: Terminal):
     with opened(str(terminal.link)) as line:
         terminal.write(encode(1, b"12345678")[:6])
         line.receive(timeout=0.02)
@@ -49,14 +49,14 @@ def test_a_loss_inside_a_frame_does_not_garble_the_first_after_it(terminal: Term
         assert line.counts() == LinkCounts(losses=1)
 
 
-def test_a_loss_is_noticed_while_sending_too(terminal: Terminal, line: SerialTransport):
+def test_a_lost_port_is_noticed_while_sending_too(terminal: Terminal, line: SerialTransport):
     terminal.unplug()
     line.send(frames_of(ROWS))
     assert line.counts() == LinkCounts(send_failures=len(ROWS), losses=1)
     assert not line.is_up
 
 
-def test_closing_while_the_port_is_away_ends_the_thread(terminal: Terminal):
+def test_closing_a_lost_port_ends_its_thread(terminal: Terminal):
     files, threads = descriptors(), threading.active_count()
     transport = SerialTransport(str(terminal.link))
     terminal.unplug()
@@ -66,7 +66,7 @@ def test_closing_while_the_port_is_away_ends_the_thread(terminal: Terminal):
     assert (descriptors(), threading.active_count()) == (files - 1, threads)  # and the master's
 
 
-def test_a_socket_that_is_closed_and_back_goes_on(server: Server):
+def test_a_socket_that_was_closed_is_reconnected(server: Server):
     files = descriptors()
     with opened(f"socket://127.0.0.1:{server.port}") as line:
         threads = threading.active_count()

@@ -1,4 +1,4 @@
-"""Serial lines behind `SerialTransport`: frames go through whole, nothing blocks, a lost port comes back."""
+"""`SerialTransport`: frames arrive complete, nothing blocks, a lost port is reopened."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from liftgate_hil.transport.serial_port import CAPACITY, SerialTransport
         ("spy:///dev/ttyS0?file=x@57600", ("spy:///dev/ttyS0?file=x", 57_600)),
     ],
 )
-def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
+def test_a_serial_line_is_specified_by_port_and_baud_rate(text: str, expected: tuple[str, int]):
     assert parse_serial(text) == expected
 
 
@@ -52,14 +52,14 @@ def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
      "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
      "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
 )  # fmt: skip
-def test_a_line_that_is_none_is_reported_on_one_line(text: str):
+def test_an_invalid_serial_line_is_reported_on_one_line(text: str):
     (issue,) = issues_of(parse_serial, text)
     assert "`serial`" in issue
     assert "allowed" in issue
 
 
 @pytest.mark.parametrize("url", ["/dev/nosuch", "/dev/null", "hwgrep://nosuch", "spy:///dev/nosuch"])
-def test_a_port_that_cannot_be_opened_is_reported_on_one_line(url: str):
+def test_a_serial_port_that_cannot_be_opened_is_reported_on_one_line(url: str):
     before = descriptors()
     with pytest.raises(TransportError) as caught:
         SerialTransport(url)
@@ -68,7 +68,7 @@ def test_a_port_that_cannot_be_opened_is_reported_on_one_line(url: str):
     assert descriptors() == before
 
 
-def test_what_is_no_serial_device_is_reported_as_what_it_is(tmp_path: Path):
+def test_a_path_that_is_no_serial_device_is_reported_with_what_it_is(tmp_path: Path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "file").write_text("")
     for name, what in (("fifo", "a FIFO"), ("file", "a file"), (".", "a folder")):
@@ -80,14 +80,14 @@ def test_what_is_no_serial_device_is_reported_as_what_it_is(tmp_path: Path):
         SerialTransport(str(tmp_path / "tty"))
 
 
-def test_a_rate_that_is_none_is_reported_where_the_device_is_there(terminal: Terminal):
+def test_an_invalid_baud_rate_is_reported_if_the_device_exists(terminal: Terminal):
     with pytest.raises(TransportError, match=r"no such device; 'fast' is not a baud rate for /"):
         SerialTransport(f"{terminal.link}@fast")
 
 
 @pytest.mark.parametrize("error", [TypeError(), RuntimeError("gone"), OSError(5, "I/O error")])
 @pytest.mark.parametrize("name", ["read", "write"])
-def test_whatever_a_driver_raises_of_a_device_that_has_gone_is_a_lost_line(
+def test_any_exception_for_a_removed_device_means_a_lost_line(
     line: SerialTransport, monkeypatch: pytest.MonkeyPatch, name: str, error: Exception
 ):
     def gone(*_: object) -> None:
@@ -99,12 +99,12 @@ def test_whatever_a_driver_raises_of_a_device_that_has_gone_is_a_lost_line(
     assert line.counts().losses == 1
 
 
-def test_a_protocol_that_pyserial_has_not_is_reported():
+def test_an_unknown_pyserial_protocol_is_reported():
     with pytest.raises(ConfigError, match=r"nosuch.*allowed"):
         SerialTransport("nosuch://x")
 
 
-def test_a_port_in_use_is_not_opened_again(terminal: Terminal, line: SerialTransport):
+def test_a_serial_port_in_use_is_refused(terminal: Terminal, line: SerialTransport):
     with pytest.raises(TransportError, match="lock"):
         SerialTransport(str(terminal.link))
 
@@ -129,7 +129,7 @@ def test_a_rig_with_29_bit_identifiers_is_refused_on_a_serial_line(tmp_path: Pat
     check_serial(rig)
 
 
-def test_one_function_opens_what_the_flags_mean(rig: Rig):
+def test_open_transport_opens_a_bus_or_a_serial_line(rig: Rig):
     for given in ({"serial": "loop://"}, {"bus": "virtual:flags"}):
         transport = open_transport(find_way(WireChoice(**given), rig))
         assert isinstance(transport, SerialTransport) == ("serial" in given)
@@ -141,7 +141,7 @@ def test_one_function_opens_what_the_flags_mean(rig: Rig):
 # Frames.
 
 
-def test_frames_arrive_and_leave_whole(terminal: Terminal, line: SerialTransport):
+def test_frames_are_sent_and_received_complete_over_a_serial_line(terminal: Terminal, line: SerialTransport):
     terminal.write(line_of(ROWS))
     assert rows_of(line.receive(timeout=5.0)) == ROWS
     assert line.receive().count == 0
@@ -158,7 +158,7 @@ def test_frames_arrive_and_leave_whole(terminal: Terminal, line: SerialTransport
 
 
 @pytest.mark.parametrize("url", ["loop://", "spy://{link}?file={folder}/spied"])
-def test_the_other_ports_of_pyserial_work(terminal: Terminal, tmp_path: Path, url: str):
+def test_pyserial_url_ports_work(terminal: Terminal, tmp_path: Path, url: str):
     with opened(url.format(link=terminal.link, folder=tmp_path)) as transport:
         transport.send(frames_of(ROWS))
         if not url.startswith("loop"):
@@ -176,7 +176,7 @@ def test_a_long_payload_is_marked_as_can_fd(terminal: Terminal, line: SerialTran
 
 
 @pytest.mark.parametrize("identifier", [0x123 | EXTENDED, 0x123 | REMOTE, 0x123 | ERROR, 0x800])
-def test_what_the_line_cannot_carry_is_counted_and_the_others_go(
+def test_frames_that_the_line_cannot_carry_are_counted_and_others_sent(
     terminal: Terminal, line: SerialTransport, identifier: int
 ):
     line.send(frames_of([(1, b"a"), (identifier, b""), (2, b"b")]))
@@ -184,7 +184,7 @@ def test_what_the_line_cannot_carry_is_counted_and_the_others_go(
     assert line.counts() == LinkCounts(send_failures=1)
 
 
-def test_a_frame_cut_inside_waits_for_its_rest(terminal: Terminal, line: SerialTransport):
+def test_an_incomplete_frame_waits_for_its_remaining_bytes(terminal: Terminal, line: SerialTransport):
     whole = encode(0x120, b"12345678")
     terminal.write(whole[:5])
     assert line.receive(timeout=0.02).count == 0
@@ -200,7 +200,7 @@ def test_bad_frames_are_counted_by_cause(terminal: Terminal, line: SerialTranspo
     assert line.counts() == LinkCounts(cut_frames=1, long_frames=1, short_frames=1, bad_crcs=1)
 
 
-def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(line: SerialTransport):
+def test_a_read_returns_at_most_its_capacity_and_the_next_continues(line: SerialTransport):
     with opened("loop://") as loop:
         rows = [(number, b"") for number in range(CAPACITY + 7)]
         loop.send(frames_of(rows))
@@ -212,7 +212,7 @@ def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(line: SerialTran
 # A reader that does not read.
 
 
-def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(terminal: Terminal, line: SerialTransport):
+def test_frames_for_a_stalled_reader_are_dropped_entirely_and_counted(terminal: Terminal, line: SerialTransport):
     rows = [(number % 0x800, number.to_bytes(8, "big")) for number in range(10_000)]
     for start in range(0, len(rows), 10):
         line.send(frames_of(rows[start : start + 10]))
@@ -234,7 +234,7 @@ def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(terminal: Ter
 
 
 class Narrow:
-    """A port that takes only so many bytes at a time."""
+    """A port that accepts a limited number of bytes per write."""
 
     def __init__(self, takes: list[int]) -> None:
         self.takes = takes
@@ -256,7 +256,7 @@ class Narrow:
 
 @pytest.mark.parametrize("first", range(45))
 @pytest.mark.parametrize("second", [0, 1, 7, 13, 14, 99])
-def test_wherever_a_write_is_cut_the_next_frame_is_whole(first: int, second: int):
+def test_after_a_partial_write_the_next_frame_is_complete(first: int, second: int):
     with opened("loop://") as transport, Path(os.devnull).open("wb") as sink:
         narrow = Narrow([first, second])
         narrow.fileno = sink.fileno  # type: ignore[method-assign]
@@ -287,8 +287,8 @@ def test_a_stalled_socket_does_not_block(server: Server):
         assert line.is_up
 
 
-def test_rfc_2217_works_both_ways():
-    """Against pyserial's own server side, whose port gives back what it gets."""
+def test_an_rfc_2217_port_sends_and_receives():
+    """Tested with pyserial's own server, whose port echoes what it receives."""
     listener = socket.create_server(("127.0.0.1", 0))
     listener.settimeout(30.0)
     stop = threading.Event()
@@ -333,7 +333,7 @@ def _serve_rfc2217(listener: socket.socket, stop: threading.Event) -> None:
 
 
 class _Clock:
-    """Time that passes where somebody waits or reads."""
+    """Clock that advances when somebody waits or reads."""
 
     def __init__(self) -> None:
         self.now_ns = 10**12
@@ -349,7 +349,7 @@ class _Clock:
 
 
 class _Port:
-    """A port whose reads give one frame after so many looks in vain, then nothing."""
+    """A port that gives one frame after a number of empty reads, then nothing."""
 
     def __init__(self, clock: _Clock, look_s: float) -> None:
         self._clock, self._look_s = clock, look_s
@@ -364,10 +364,10 @@ class _Port:
 
 
 @pytest.mark.parametrize(("look_s", "age_s"), [(0.004, 0.0), (0.030, 0.060)])
-def test_a_frame_is_as_old_as_the_last_look_at_an_empty_line(
+def test_a_serial_frame_is_at_most_as_old_as_the_last_empty_read(
     monkeypatch: pytest.MonkeyPatch, look_s: float, age_s: float
 ):
-    """Commands that keep coming while somebody waits for them are not old, however long that goes on."""
+    """Commands that keep arriving during a wait are not old, however long the wait lasts."""
     clock = _Clock()
     port = _Port(clock, look_s)
     monkeypatch.setattr(serial_port, "time", clock)

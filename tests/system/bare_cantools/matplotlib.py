@@ -1,3 +1,3 @@
-"""Stands for matplotlib, which cantools loads where it can, and needs for no command of the pages."""
+"""Stands in for matplotlib, which cantools imports if available and no command of the manual needs."""
 
 raise ImportError("not loaded: `c_ecu.BARE_CANTOOLS` says why")

@@ -20,7 +20,7 @@ def judged():
 
 @pytest.fixture(scope="session")
 def hostile():
-    """Every name from a file does its worst."""
+    """A result in which every name from a file has characters that could harm a page or a terminal."""
     bad = report_support.HOSTILE
     found = report_support.identification(300, names=(bad, "b" * 400))
     first = found.experiments[0]

@@ -1,4 +1,4 @@
-"""An identification and a validation as the estimator makes them, from made-up signals."""
+"""An identification and a validation made from synthetic signals, for tests of reports."""
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def series_of(output, times, measured, simulated, before, voltage):
 
 
 def opening(times, voltage, resistance, inertia):
-    """A motor that starts, runs and stops: current, speed, position, angle."""
+    """Signals of a motor that starts, runs and stops: current, speed, position, gate angle."""
     rise = 1.0 - np.exp(-times / inertia)
     end = 1.0 / (1.0 + np.exp((times - 4.5) * 30.0))
     current = voltage / resistance * np.exp(-times / inertia) + 1.1 + 0.2 * np.sin(times)
@@ -119,7 +119,7 @@ def profiles():
 
 
 def identification(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS, **changes):
-    """A result like the thesis's table 4.1, with parameters that cannot be told."""
+    """An identification like the thesis's table 4.1, some parameters of which are not identifiable."""
     found = estimates()
     count = len(found)
     rng = np.random.default_rng(1)
@@ -164,7 +164,7 @@ def identification(samples=2000, names=("open.csv", "close.csv"), columns=COLUMN
 
 
 def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
-    """The same experiments, judged."""
+    """The validation result of the same experiments."""
     experiments = tuple(
         experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
@@ -172,7 +172,7 @@ def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
 
 
 def nothing():
-    """A result with nothing in it."""
+    """An identification result without parameters and experiments."""
     return identification(
         50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
         notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),

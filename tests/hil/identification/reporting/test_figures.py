@@ -25,7 +25,7 @@ def words(figure):
 # The figures of usual results, and those with names of any characters: test_pages_and_text.py.
 
 
-def test_traces_name_quantities_units_and_models(found, judged):
+def test_figures_of_traces_label_quantities_units_and_models(found, judged):
     shown = words(figures.trace_figure(found.experiments[0]))
     assert shown >= {
         "time [s]", "voltage [V]", "left current\n[A]", "left speed\n[rev/s]", "left position\n[rev]",
@@ -35,7 +35,7 @@ def test_traces_name_quantities_units_and_models(found, judged):
 
 
 def spoilt(experiment, values):
-    """The models diverge halfway, that of each output to a value of its own."""
+    """An experiment whose models diverge halfway, each output to another value."""
     rows = []
     for each, value in zip(experiment.series, values, strict=False):
         bad = each.simulated.copy()
@@ -50,14 +50,14 @@ def spoilt(experiment, values):
 
 
 @pytest.mark.parametrize("draw", EXPERIMENT)
-def test_a_diverged_model_is_drawn_as_far_as_it_goes(draw, found):
+def test_a_diverged_model_is_drawn_up_to_where_it_diverges(draw, found):
     spoilt_ones = spoilt(found.experiments[0], (np.nan, np.inf, 1e300))
     assert len(spoilt_ones.series) == 3
     assert png(draw(spoilt_ones), 40)
 
 
 @pytest.mark.parametrize("draw", EXPERIMENT)
-def test_an_experiment_with_little_in_it_is_drawn(draw):
+def test_an_experiment_with_no_or_one_sample_is_drawn(draw):
     empty = Experiment("empty", np.empty(0), np.empty(0), ())
     lone = report_support.experiment_of("short", 60, 1)
     one = replace(
@@ -70,7 +70,7 @@ def test_an_experiment_with_little_in_it_is_drawn(draw):
         assert png(draw(experiment), 40)
 
 
-def test_strange_estimates_are_drawn(found):
+def test_estimates_with_infinite_nan_and_negative_values_are_drawn(found):
     strange = replace(
         found,
         history=np.array([np.inf, -1.0, np.nan]),
@@ -85,7 +85,7 @@ def test_strange_estimates_are_drawn(found):
             assert png(draw(result), 40)
 
 
-def test_colours_are_the_page_s_and_identifiers_are_apart(found):
+def test_svg_figures_use_the_colours_of_the_page_and_identifiers_of_their_own(found):
     figure = figures.parameter_figure(found)
     one, other = svg(figure, "one", "t"), svg(figure, "other", "t")
     assert "var(--final, #0072b2)" in one
@@ -96,7 +96,7 @@ def test_colours_are_the_page_s_and_identifiers_are_apart(found):
     assert svg(figure, "one", "t") == one  # the same bytes every time
 
 
-def test_tick_labels_are_not_rounded_with_the_paths(found):
+def test_svg_tick_labels_keep_their_digits_when_paths_are_rounded(found):
     first = found.experiments[0]
     row = first.series[0]
     small = replace(row, measured=row.measured * 1e-3, simulated=row.simulated * 1e-3)
@@ -108,7 +108,7 @@ def test_tick_labels_are_not_rounded_with_the_paths(found):
 @given(
     arrays(np.float64, st.integers(0, 300), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.integers(4, 60)
 )
-def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
+def test_thinned_curves_keep_their_peaks_within_the_limit_of_points(values, limit):
     times = np.arange(len(values), dtype=np.float64)
     few_times, few = thin(times, values, limit)
     assert len(few) == len(few_times) <= max(limit, 0)
@@ -119,7 +119,7 @@ def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
         assert np.nanmin(few) == known.min()
 
 
-def test_a_wild_initial_model_does_not_crush_the_measurement():
+def test_a_diverging_initial_model_does_not_flatten_the_drawn_measurement():
     low, high = limits(np.array([0.0, 1.0]), np.array([-1e6, 1e6]))
     assert -1.5 < low < -0.9
     assert 1.9 < high < 2.5
@@ -127,7 +127,7 @@ def test_a_wild_initial_model_does_not_crush_the_measurement():
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 12.0, -3e-5, 4e7])
-def test_what_is_constant_but_for_rounding_has_an_axis_that_can_be_read(level):
+def test_a_signal_constant_but_for_rounding_gets_a_readable_axis(level):
     values = level * (1.0 + 1e-12 * np.arange(100) / 100) + (1e-30 if level == 0.0 else 0.0)
     low, high = limits(values, values)
     assert low <= values.min()

@@ -16,7 +16,7 @@ def course(errors, output="left_current_a"):
     return series_of(output, FRAME, simulated + errors, simulated, None)
 
 
-def test_only_names_from_files_are_shortened(judged):
+def test_warnings_shorten_long_names_from_files_and_nothing_else(judged):
     first = judged.experiments[0]
     errors = np.convolve(noise(1), 0.98 ** np.arange(400))[:1000]
     phases = {"end stop": (0.916, 1.0, 500), "travel": (0.1, 0.2, 500)}
@@ -31,7 +31,7 @@ def noise(seed):
     return 0.1 * np.random.default_rng(seed).standard_normal(1000)
 
 
-def test_an_offset_that_turns_with_the_measurement_is_none_of_a_sensor(judged):
+def test_offsets_of_opposite_sign_in_two_experiments_are_not_called_sensor_offsets(judged):
     first = judged.experiments[0]
     both = [
         replace(first, name=name, series=(course(noise(1) - noise(1).mean() + offset),))
@@ -42,7 +42,7 @@ def test_an_offset_that_turns_with_the_measurement_is_none_of_a_sensor(judged):
     assert not [each for each in warnings if "has its sensor an offset" in each]
 
 
-def test_an_offset_is_told_with_its_size_and_sign_by_both_commands(found, judged):
+def test_identify_and_validate_warn_of_an_offset_with_its_size_and_sign(found, judged):
     for offset, said in ((1.0, "1.0 A above"), (-0.25, "0.25 A below")):
         (first, *rest) = judged.experiments
         shifted = replace(first, series=(course(noise(1) - noise(1).mean() + offset), *first.series[1:]))
@@ -55,21 +55,21 @@ def test_an_offset_is_told_with_its_size_and_sign_by_both_commands(found, judged
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_noise_has_no_offset_whatever_its_correlation(seed):
+def test_correlated_noise_is_not_taken_for_an_offset(seed):
     assert not has_offset(course(noise(seed)))
     slow = np.convolve(noise(seed), 0.98 ** np.arange(400))[:1000]
     assert not has_offset(course(slow))
     assert not has_offset(course(TIMES**2 + noise(seed)))  # grows as that of a wrong model
 
 
-def test_the_same_mean_is_an_offset_of_many_samples_and_chance_of_few():
+def test_a_mean_residual_counts_as_an_offset_only_with_many_samples():
     errors = noise(1) + 0.12
     assert has_offset(course(errors))
     few = np.where(np.arange(1000) < 6, errors, np.nan)
     assert not has_offset(series_of("left_current_a", FRAME, few, np.zeros(1000), None))
 
 
-def test_what_rounding_shifts_or_slopes_repeat_is_no_offset():
+def test_rounded_positions_and_speeds_derived_from_them_have_no_offset():
     position = 30.0 * TIMES
     assert not has_offset(series_of("left_position_rev", FRAME, np.floor(4.0 * position) / 4.0, position, None))
     assert not has_offset(speed_series("left_speed_rps", FRAME, 1.1 * position, position, None))
@@ -77,7 +77,7 @@ def test_what_rounding_shifts_or_slopes_repeat_is_no_offset():
     assert not has_offset(exact)
 
 
-def test_an_offset_stands_in_the_place_of_the_residual(judged):
+def test_residuals_with_an_offset_are_called_white_about_their_mean(judged):
     first = judged.experiments[0]
     one = replace(judged, experiments=(replace(first, series=(course(noise(1) + 1.0),)),))
     assert "white about its mean" in validation_html(one)

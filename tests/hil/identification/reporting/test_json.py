@@ -13,7 +13,7 @@ def strict(content):
     return json.loads(json.dumps(content, allow_nan=False))
 
 
-def test_the_public_keys_are_there(found):
+def test_json_results_have_the_public_keys(found):
     content = strict(found.to_dict())
     assert set(content) >= {
         "parameters", "covariance", "correlation", "noise_variance", "fit_percent", "loss", "fpe", "aic", "aicc",
@@ -34,7 +34,7 @@ def test_the_public_keys_are_there(found):
     assert content["noise_outputs"][0] == "left_current_a"
 
 
-def test_what_is_not_finite_is_null(found):
+def test_numbers_that_are_not_finite_are_null_in_json(found):
     content = strict(replace(found, loss=math.inf, aic=math.nan).to_dict())
     assert content["loss"] is None
     assert content["aic"] is None
@@ -73,18 +73,18 @@ def test_a_validation_pools_errors_by_samples(judged):
     }  # fmt: skip
 
 
-def test_hostile_names_stay_json(hostile):
+def test_hostile_names_give_valid_json(hostile):
     assert strict(hostile.to_dict())["vehicle"] == hostile.vehicle
 
 
 @pytest.mark.parametrize("name", ["", "missing/result.json", ".", "a\0b", "x" * 5000])
-def test_a_target_that_cannot_be_written_is_refused_before(name, tmp_path, monkeypatch):
+def test_a_result_file_that_cannot_be_written_is_refused_before_the_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^`result` "):
         check_target(name, "result")
 
 
-def test_a_target_that_can_be_written_is_left_alone_and_one_without_permission_refused(tmp_path, monkeypatch):
+def test_a_check_leaves_a_writable_result_file_untouched_and_refuses_one_without_permission(tmp_path, monkeypatch):
     check_target(str(tmp_path / "result.json"), "result")
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr("os.access", lambda *_: False)
@@ -92,7 +92,7 @@ def test_a_target_that_can_be_written_is_left_alone_and_one_without_permission_r
         check_target(str(tmp_path / "a.html"), "html")
 
 
-def test_a_largest_error_that_is_not_known_is_null_whatever_the_order(judged):
+def test_an_unknown_largest_error_is_null_in_any_order_of_experiments(judged):
     one, other = judged.experiments
     lost = replace(one, series=(replace(one.series[0], maximum=math.nan), *one.series[1:]))
     for order in ((lost, other), (other, lost)):

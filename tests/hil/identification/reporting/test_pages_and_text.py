@@ -12,7 +12,7 @@ from liftgate_hil.identification.reporting.text import WIDTH, identification_tex
 
 
 def shortened(result, outputs=0):
-    """All outputs of the first `outputs` experiments, one of the others: a panel takes a tenth of a second."""
+    """Keep all outputs of the first `outputs` experiments and one of the others, as each panel takes 0.1 s."""
     first, others = result.experiments[:outputs], result.experiments[outputs:]
     return replace(result, experiments=(*first, *(replace(each, series=each.series[:1]) for each in others)))
 
@@ -27,21 +27,21 @@ def pages(found, judged, hostile):
 
 
 @pytest.mark.parametrize("name", ["found", "judged", "hostile"])
-def test_a_page_is_well_formed_and_refers_to_nothing_outside(name, pages):
+def test_a_report_page_is_well_formed_and_self_contained(name, pages):
     page = Page(pages[name])
     assert page.links
     page.check_alone()
     pages[name].encode("utf-8")
 
 
-def test_names_from_files_are_text_only(pages):
+def test_names_from_files_are_escaped_in_report_pages(pages):
     page = Page(pages["hostile"])
     assert "<script>alert('x')</script>&\"$\\frac{a}" in page.text
     assert "\x1b" not in pages["hostile"]
     assert "\u202e" not in pages["hostile"]
 
 
-def test_warnings_come_first(pages):
+def test_warnings_come_first_on_a_report_page(pages):
     text = Page(pages["found"]).text
     order = [
         "motor.inductance is not identifiable: its standard deviation is 15 times its value", "only their product",
@@ -51,18 +51,18 @@ def test_warnings_come_first(pages):
     assert places == sorted(places)
 
 
-def test_a_page_has_every_figure(pages):
+def test_a_report_page_has_every_figure(pages):
     assert pages["found"].count("<figure") == 4 + 3 * 2
     assert pages["judged"].count("<figure") == 3 * 2
     assert Page(pages["found"]).tags.count("svg") == 10
 
 
-def test_a_page_of_long_measurements_stays_small():
+def test_a_report_page_of_long_measurements_stays_small():
     found = report_support.identification(10_000, names=("a.csv",), columns=("left_current_a",))
     assert len(identification_html(found).encode()) < 300_000
 
 
-def test_many_experiments_are_all_in_the_table_but_not_all_drawn(monkeypatch):
+def test_all_of_many_experiments_are_in_the_table_but_only_some_are_drawn(monkeypatch):
     monkeypatch.setattr(html, "svg", lambda *_: "<svg></svg>")  # drawn as a picture elsewhere
     judged = report_support.validation(60, names=[f"{i}.csv" for i in range(10)], columns=("left_current_a",))
     page = Page(validation_html(judged))
@@ -70,12 +70,12 @@ def test_many_experiments_are_all_in_the_table_but_not_all_drawn(monkeypatch):
     assert "no figures, to keep the page small: 8.csv, 9.csv" in page.text
 
 
-def test_a_result_with_nothing_in_it_is_still_a_page(judged):
+def test_an_empty_result_still_gives_a_page(judged):
     assert "svg" not in Page(identification_html(report_support.nothing())).tags
     assert "0 experiments" in Page(validation_html(replace(judged, experiments=()))).text
 
 
-def test_a_failed_search_is_still_a_page(found):
+def test_a_failed_search_still_gives_a_page(found):
     lost = replace(
         found,
         parameters=tuple(replace(each, value=np.nan, std=np.nan, identifiable=False) for each in found.parameters),
@@ -93,7 +93,7 @@ def test_a_failed_search_is_still_a_page(found):
 # The same on a terminal.
 
 
-def test_the_tables_fit_a_terminal(found, judged, hostile):
+def test_text_tables_fit_the_width_of_a_terminal(found, judged, hostile):
     for text in (identification_text(found), validation_text(judged), identification_text(hostile)):
         assert max(map(len, text.splitlines())) <= WIDTH
         assert all(line == line.rstrip() for line in text.splitlines())
@@ -106,7 +106,7 @@ def test_a_parameter_is_reported_in_a_line(found):
     ]  # fmt: skip
 
 
-def test_what_cannot_be_identified_comes_first(found):
+def test_parameters_that_cannot_be_identified_are_printed_first(found):
     text = identification_text(found)
     start = text.index("Parameters")
     assert 0 < text.index("motor.inductance is not identifiable: its standard") < start
@@ -115,7 +115,7 @@ def test_what_cannot_be_identified_comes_first(found):
     assert 0 < text.index("residuals are not white") < start
 
 
-def test_everything_asked_for_is_there(found):
+def test_the_text_report_has_every_requested_section(found):
     text = identification_text(found)
     for part in (
         "NoiseVar", "0.04910", "FPE", "AIC ", "AICc", "BIC", "condition number  3.20e+07", "10.40 -> 53.66",
@@ -125,20 +125,20 @@ def test_everything_asked_for_is_there(found):
         assert part in text, part
 
 
-def test_a_validation_shows_fit_and_phases(judged):
+def test_a_validation_report_shows_fit_and_phases(judged):
     text = validation_text(judged)
     assert "->" not in text
     for part in ("fit %", "running", "99.67", "667", "decimated", "close.csv"):
         assert part in text, part
 
 
-def test_hostile_names_do_not_reach_the_terminal(hostile):
+def test_control_characters_in_names_do_not_reach_the_terminal(hostile):
     text = identification_text(hostile)
     assert text.isascii() or text.encode("utf-8")
     assert all(each.isprintable() or each == "\n" for each in text)
 
 
-def test_nothing_found_is_still_a_text():
+def test_an_empty_result_still_gives_a_text():
     text = identification_text(report_support.nothing())
     assert "Criteria" in text
     assert "Attention" not in text
@@ -151,7 +151,7 @@ def test_wide_noise_matrices_are_broken_into_blocks(found):
     assert identification_text(wide).count("-1.235e-07") == 144
 
 
-def test_a_fit_below_zero_is_pointed_out(judged):
+def test_a_negative_fit_is_pointed_out(judged):
     first = judged.experiments[0]
     worse = replace(first, series=(replace(first.series[0], fit_percent=-3.0), *first.series[1:]))
     assert "worse than the mean value: left_current_a" in validation_text(

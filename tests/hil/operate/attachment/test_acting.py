@@ -1,4 +1,4 @@
-"""Obstacle and springs of a running gate, as its page draws them."""
+"""Obstacle and springs in force in a running gate, as its page draws them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def command(stimuli: StimulusPlan, **keys: object) -> None:
         stimuli.held[NAMES.index(name)] = value
 
 
-def test_the_obstacle_is_the_scenario_s_while_it_is_there_or_what_was_commanded(acting: Acting) -> None:
+def test_the_drawn_obstacle_is_the_commanded_one_or_that_of_the_scenario_while_present(acting: Acting) -> None:
     own = {"angle_deg": 40.0, "distance": 0.8, "meets": "opening"}
     assert [acting.at(time)["obstacle"] for time in (1.9, 2.1, 4.1)] == [None, own, None]
     command(acting.stimuli, angle_deg=30)
@@ -56,7 +56,7 @@ def test_the_obstacle_is_the_scenario_s_while_it_is_there_or_what_was_commanded(
     json.dumps(acting.at(2.1))
 
 
-def test_springs_have_what_the_faults_in_force_leave(acting: Acting) -> None:
+def test_the_drawn_spring_force_is_reduced_by_faults_in_force(acting: Acting) -> None:
     assert acting.at(0.5)["spring_health"] == {"left": 1.0, "right": 1.0}
     look(acting.stimuli.faults, acting.stimuli.moments, 1.5)  # as the loop does
     assert acting.at(1.5)["spring_health"] == {"left": 0.25, "right": 1.0}

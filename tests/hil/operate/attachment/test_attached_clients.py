@@ -1,4 +1,4 @@
-"""Attaching to a run: who may, what comes of rubbish, and what is left when it ends."""
+"""Clients attached to a run: access, malformed messages, and clean-up at the end."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GONE = 2**22 + 1  # an id that no process can have: PID_MAX_LIMIT of linux/threa
 
 
 class Nobody:
-    """See Target."""
+    """Target of commands (see Target) that ignores them."""
 
     def hold(self, values: Any) -> None:
         pass
@@ -76,7 +76,7 @@ def server(folder: Path) -> Iterator[tuple[Server, Memory]]:
     memory.close()
 
 
-def test_a_client_sees_the_runs_memory_as_it_is_written(server: tuple[Server, Memory]) -> None:
+def test_a_client_reads_the_shared_memory_of_the_run(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     server[1].shared.control.tick += 42
     server[1].shared.rows[3, 5] = 2.5
@@ -89,9 +89,7 @@ def test_a_client_sees_the_runs_memory_as_it_is_written(server: tuple[Server, Me
     client.close()
 
 
-def test_a_command_waits_for_a_run_that_stands_still(
-    server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_waits_for_a_stalled_run(server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.operate.attachment.client._PATIENCE_S", 0.01)
     client = Client(os.getpid())
     client._wire.settimeout(0.01)
@@ -118,7 +116,7 @@ RUBBISH = [
 
 
 @pytest.mark.parametrize("said", RUBBISH)
-def test_rubbish_ends_at_most_the_connection_that_it_comes_on(server: tuple[Server, Memory], said: bytes) -> None:
+def test_malformed_messages_end_at_most_their_own_connection(server: tuple[Server, Memory], said: bytes) -> None:
     wire = endpoint.connected(os.getpid())
     wire.settimeout(10.0)
     wire.recv(64)
@@ -130,7 +128,7 @@ def test_rubbish_ends_at_most_the_connection_that_it_comes_on(server: tuple[Serv
     client.close()
 
 
-def test_a_command_however_deep_is_refused_and_the_run_goes_on(server: tuple[Server, Memory]) -> None:
+def test_a_deeply_nested_command_is_refused_and_the_run_goes_on(server: tuple[Server, Memory]) -> None:
     wire = endpoint.connected(os.getpid())
     wire.settimeout(10.0)
     wire.recv(1)
@@ -148,7 +146,7 @@ def test_a_command_however_deep_is_refused_and_the_run_goes_on(server: tuple[Ser
     wire.close()
 
 
-def test_half_a_message_is_waited_for_and_the_rest_read(server: tuple[Server, Memory]) -> None:
+def test_a_message_received_in_pieces_is_assembled(server: tuple[Server, Memory]) -> None:
     wire = endpoint.connected(os.getpid())
     wire.settimeout(10.0)
     wire.recv(1)
@@ -165,7 +163,7 @@ def test_half_a_message_is_waited_for_and_the_rest_read(server: tuple[Server, Me
     wire.close()
 
 
-def test_long_news_come_whole(server: tuple[Server, Memory]) -> None:
+def test_long_status_messages_arrive_complete(server: tuple[Server, Memory]) -> None:
     for number in range(200):
         server[0].say(f"{number} " + "x" * 5000)
     client = Client(os.getpid())
@@ -198,7 +196,7 @@ def test_a_long_command_is_reported_and_the_connection_stays(server: tuple[Serve
     client.close()
 
 
-def test_a_run_that_does_not_answer_has_not_ended(
+def test_a_run_that_does_not_answer_is_not_taken_for_ended(
     server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = Client(os.getpid())
@@ -210,7 +208,7 @@ def test_a_run_that_does_not_answer_has_not_ended(
     client.close()
 
 
-def test_one_who_never_reads_holds_up_nobody(server: tuple[Server, Memory]) -> None:
+def test_a_client_that_never_reads_delays_no_other(server: tuple[Server, Memory]) -> None:
     deaf = endpoint.connected(os.getpid())
     deaf.setblocking(False)
     sent = 0
@@ -226,7 +224,7 @@ def test_one_who_never_reads_holds_up_nobody(server: tuple[Server, Memory]) -> N
     client.close()
 
 
-def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(server: tuple[Server, Memory]) -> None:
+def test_at_most_eight_clients_are_accepted_and_one_that_leaves_makes_room(server: tuple[Server, Memory]) -> None:
     clients = [Client(os.getpid()) for _ in range(8)]
     with pytest.raises(ConfigError, match=r"does not answer|no memory"):
         Client(os.getpid())
@@ -238,7 +236,7 @@ def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(server: t
         each.close()
 
 
-def test_when_the_run_ends_it_is_reported_and_nothing_is_left(folder: Path) -> None:
+def test_the_end_of_a_run_is_reported_to_clients_and_its_socket_removed(folder: Path) -> None:
     memory = Memory(64, 64)
     before = len(list(Path("/proc/self/fd").iterdir()))
     found = Server(Heard(), os.getpid())
@@ -260,7 +258,7 @@ def test_when_the_run_ends_it_is_reported_and_nothing_is_left(folder: Path) -> N
     assert len(list(Path("/proc/self/fd").iterdir())) == before - 1
 
 
-def test_a_mistake_of_ours_in_a_command_ends_no_run(
+def test_an_internal_error_in_a_command_does_not_end_the_run(
     server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(self: Operator, command: object, now: float) -> str:
@@ -276,7 +274,7 @@ def test_a_mistake_of_ours_in_a_command_ends_no_run(
     client.close()
 
 
-def test_paths_are_reported_whole_for_those_in_other_folders(server: tuple[Server, Memory]) -> None:
+def test_paths_in_the_description_of_a_run_are_absolute(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     assert Path(client.description["rig"]).is_absolute()
     assert Path(client.description["database"]).is_absolute()
@@ -284,7 +282,7 @@ def test_paths_are_reported_whole_for_those_in_other_folders(server: tuple[Serve
     client.close()
 
 
-def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
+def test_a_stale_socket_is_not_taken_for_a_run(folder: Path) -> None:
     path = endpoint.path_of(GONE)
     with socket.socket(socket.AF_UNIX) as left:  # by a process that was killed
         left.bind(str(path))
@@ -298,8 +296,10 @@ def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
     assert not path.exists()
 
 
-def test_a_run_that_does_not_answer_costs_no_look_at_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A page looks for the next run several times a second, among all that killed runs have left."""
+def test_attaching_to_a_run_that_does_not_answer_searches_no_others(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page looks for the next run several times a second, past all sockets left by killed runs."""
 
     def looked() -> list[int]:
         raise AssertionError("other runs are looked at")
@@ -309,9 +309,7 @@ def test_a_run_that_does_not_answer_costs_no_look_at_others(folder: Path, monkey
         Client(GONE)
 
 
-def test_other_files_in_the_folder_are_no_runs_and_not_looked_at(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_files_in_the_socket_folder_are_ignored(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with endpoint.listening(GONE):
         for name in ("4712", "x.socket", "4713.socket.old", ".socket"):
             (folder / name).touch()
@@ -320,7 +318,7 @@ def test_other_files_in_the_folder_are_no_runs_and_not_looked_at(
 
 @pytest.fixture
 def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The temp folder of a machine on which no other folder can hold sockets."""
+    """A temp folder on a machine on which no other folder can hold sockets."""
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     monkeypatch.setattr(endpoint, "_RUNTIME", str(tmp_path / "none" / "{}"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -328,7 +326,7 @@ def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def belonging_to_another(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:
-    """Let `lstat` and `stat` say that folders are another user's, which only root could make so."""
+    """Let `lstat` and `stat` report another user as owner of folders, which only root could set."""
     for name in ("lstat", "stat"):
         real = getattr(Path, name)
 
@@ -340,7 +338,7 @@ def belonging_to_another(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> Non
 
 
 @pytest.mark.parametrize("is_foreign", [True, False])
-def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
+def test_a_socket_folder_of_another_user_is_reported_with_a_remedy_and_the_run_goes_on(
     nowhere: Path, monkeypatch: pytest.MonkeyPatch, is_foreign: bool
 ) -> None:
     nowhere.mkdir(mode=0o700 if is_foreign else 0o755)
@@ -362,7 +360,7 @@ def test_a_folder_that_is_not_ours_is_named_with_what_to_do_and_the_run_goes_on(
         Client(GONE)
 
 
-def test_another_users_folder_in_the_temp_folder_keeps_nobody_from_attaching(
+def test_another_users_folder_in_the_temp_folder_does_not_prevent_attaching(
     nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nowhere.mkdir(mode=0o700)
@@ -375,7 +373,7 @@ def test_another_users_folder_in_the_temp_folder_keeps_nobody_from_attaching(
         assert endpoint.runs() == [GONE]
 
 
-def test_what_attaches_looks_wherever_the_run_may_listen(
+def test_a_client_searches_every_folder_in_which_a_run_may_listen(
     nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A run and its page may be started from shells with and without XDG_RUNTIME_DIR."""
@@ -392,7 +390,7 @@ def test_what_attaches_looks_wherever_the_run_may_listen(
     assert not list(tmp_path.rglob("*.socket"))
 
 
-def test_a_socket_that_a_killed_run_left_in_one_folder_hides_no_run_in_another(
+def test_a_stale_socket_in_one_folder_does_not_hide_a_run_in_another(
     nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "given"))
@@ -404,10 +402,10 @@ def test_a_socket_that_a_killed_run_left_in_one_folder_hides_no_run_in_another(
         assert endpoint.runs() == [GONE]
 
 
-def test_the_runtime_folder_of_another_user_is_left_alone(
+def test_the_runtime_folder_of_another_user_is_not_used(
     nowhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As `sudo` leaves it in the environment."""
+    """Such as `sudo` leaves in XDG_RUNTIME_DIR."""
     theirs = tmp_path / "theirs"
     theirs.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(theirs))
@@ -416,7 +414,7 @@ def test_the_runtime_folder_of_another_user_is_left_alone(
     assert list(theirs.iterdir()) == []
 
 
-def test_lines_are_reported_once_and_the_last_two_hundred_are_kept(server: tuple[Server, Memory]) -> None:
+def test_each_log_line_is_sent_once_and_the_last_200_are_kept(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     for number in range(300):
         server[0].say(f"line {number}")
@@ -428,7 +426,7 @@ def test_lines_are_reported_once_and_the_last_two_hundred_are_kept(server: tuple
     client.close()
 
 
-def test_an_alarm_is_a_line_of_the_log_that_every_client_is_told_again(server: tuple[Server, Memory]) -> None:
+def test_an_alarm_is_logged_and_sent_to_every_client(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     server[0].say("before")
     server[0].alarm("1.000 s: can0 is bus-off")
@@ -439,7 +437,7 @@ def test_an_alarm_is_a_line_of_the_log_that_every_client_is_told_again(server: t
     client.close()
 
 
-def test_a_run_of_another_version_is_not_read(
+def test_a_client_of_another_version_is_refused(
     server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.operate.attachment.client.version", lambda: "9.9")

@@ -1,4 +1,4 @@
-"""What those who attach are told of a scenario, in words."""
+"""Description of a scenario in words for attached clients."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ def test_each_stimulus_is_reported_with_its_time_or_condition(tmp_path: Path) ->
     ]
 
 
-def test_nothing_is_reported_of_no_scenario() -> None:
+def test_without_a_scenario_the_description_is_empty() -> None:
     assert stimuli_of(setup_of(None).scenario) == []

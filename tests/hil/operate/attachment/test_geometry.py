@@ -1,4 +1,4 @@
-"""Geometry for drawings: by rotation matrices of the test's own, against the plant's own lengths."""
+"""Geometry of drawings, compared with independent rotation matrices and the plant's lengths."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from liftgate_plant.vehicle import Vehicle
 
 @pytest.fixture(params=["suv", "compact", "heavy-suv"])
 def vehicle(request: pytest.FixtureRequest) -> Vehicle:
-    """With a hinge that is not the origin: the keys of the file may have any."""
+    """A vehicle whose hinge is not at the origin, as a vehicle file may have it."""
     return vehicle_from(request.param, ["gate.hinge=[0.02, 0.01]"])
 
 
@@ -30,7 +30,7 @@ def test_the_gates_points_turn_about_the_hinge(vehicle: Vehicle) -> None:
     assert edge[-1][1] > edge[0][1]  # it opens upwards
 
 
-def test_a_drive_is_as_long_as_the_plant_has_it(vehicle: Vehicle) -> None:
+def test_the_length_of_a_drawn_drive_equals_that_in_the_plant(vehicle: Vehicle) -> None:
     found, link = geometry_of(vehicle), linkage(vehicle.gate)
     lengths = [extension(link, math.radians(angle)) + link.closed_length for angle in found["angles_deg"]]
     assert found["drives"]["left"]["length_m"] == pytest.approx(lengths)
@@ -39,7 +39,7 @@ def test_a_drive_is_as_long_as_the_plant_has_it(vehicle: Vehicle) -> None:
     assert found["angles_deg"][-1] == pytest.approx(found["open_angle_deg"])
 
 
-def test_the_springs_force_is_the_plants(vehicle: Vehicle) -> None:
+def test_the_drawn_springs_force_equals_that_in_the_plant(vehicle: Vehicle) -> None:
     found, link = geometry_of(vehicle), linkage(vehicle.gate)
     for side, tables in (("left", vehicle.left), ("right", vehicle.right)):
         if side not in found["drives"]:
@@ -52,5 +52,5 @@ def test_the_springs_force_is_the_plants(vehicle: Vehicle) -> None:
         assert found["drives"][side]["spring_n"][0] >= found["drives"][side]["spring_n"][-1] > 0.0
 
 
-def test_a_gate_with_one_drive_has_one() -> None:
+def test_a_gate_with_one_drive_is_drawn_with_one_drive() -> None:
     assert list(geometry_of(vehicle_from("suv", ["drives=1"]))["drives"]) == ["left"]

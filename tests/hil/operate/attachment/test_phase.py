@@ -1,4 +1,4 @@
-"""Phases of a run, by a clock of the test's own."""
+"""Phases of a run on a simulated clock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Clock:
         return self.now
 
 
-def test_a_run_compiles_is_ready_runs_and_ends() -> None:
+def test_the_phases_of_a_run_are_compiling_ready_running_and_ended() -> None:
     clock = Clock()
     tracker = PhaseTracker(clock)
     phases = [tracker.phase]
@@ -27,7 +27,7 @@ def test_a_run_compiles_is_ready_runs_and_ends() -> None:
     assert phases == [COMPILING, READY, RUNNING, ENDED]
 
 
-def test_it_is_late_for_two_seconds_after_a_missed_tick() -> None:
+def test_a_run_is_shown_late_for_two_seconds_after_a_missed_tick() -> None:
     clock = Clock()
     tracker = PhaseTracker(clock)
     tracker.is_ready()
@@ -43,7 +43,7 @@ def test_it_is_late_for_two_seconds_after_a_missed_tick() -> None:
     assert tracker.phase == RUNNING
 
 
-def test_it_is_late_while_nobody_executes_commands() -> None:
+def test_a_run_is_shown_late_while_commands_are_not_executed() -> None:
     clock = Clock()
     tracker = PhaseTracker(clock)
     tracker.is_ready()
