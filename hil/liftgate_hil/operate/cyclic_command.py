@@ -49,7 +49,7 @@ class CyclicCommand:
         self._values = None
 
     def change(self, quantities: Mapping[str, float | str | bool]) -> None:
-        """Send these from the next cycle on, see `Gate.command`. Raises ConfigError, and changes nothing then."""
+        """Send these quantities from the next cycle on, see `Gate.command`. Raises ConfigError, with no change."""
         values = np.full(INPUT_COUNT, np.nan)
         both = quantities.get("direction")
         for name in quantities:
