@@ -142,7 +142,7 @@ class RecorderProcess:
         self._is_ready = True
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Have a mark of up to 200 characters written at a time [s], without waiting; False: it is not taken."""
+        """Send a mark of up to 200 characters at a time [s], without waiting; False: the process refused it."""
         return self._failed < self._count and self._tell([time_s, text])
 
     def _tell(self, what: Any) -> bool:
@@ -311,7 +311,7 @@ def main() -> int:
 
 
 def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
-    """Have the recorder obey an end, read what was `seen` before these lines, and mark; return what is seen."""
+    """Have the recorder carry out the lines `told`, and read the rings up to `seen`; return their place now."""
     for each in told:
         if isinstance(each, dict):
             recorder.end_at(RingPlace(*each["end"]))
