@@ -120,7 +120,7 @@ class FurtherRecording:
             raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
 
     def note(self, time_s: float, text: str) -> bool:
-        """Mark the recordings that can hold it with a text, cut if too long; False: one has not taken it."""
+        """Write a text, cut if too long, as a mark to the recordings that hold marks; False: one refused it."""
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
         taken = []
         with self._lock:

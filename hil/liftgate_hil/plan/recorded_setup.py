@@ -30,7 +30,7 @@ class RecordedSetup:
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """The vehicle as it was used, with all settings; None: not stated, or with other parameters than now."""
+        """The vehicle of the recorded run, with all settings; None: not stated, or other parameters than now."""
         with contextlib.suppress(TypeError, ValueError, KeyError, AttributeError):
             found = _built(Vehicle, self.content["vehicle"])
             return found if isinstance(found, Vehicle) else None

@@ -80,7 +80,7 @@ def vehicle_of(
 
 
 def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
-    """Return the rig given, or loaded by name or path; None: the scenario's, else ours. Raises ConfigError."""
+    """Return the rig given, or load it by name or path; None: the scenario's or liftgate. Raises ConfigError."""
     if rig is None and scenario is not None and scenario.rig:
         return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
     rig = "liftgate" if rig is None else rig
@@ -157,7 +157,7 @@ class Setup:
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return the setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
+        """Return this setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
         return replace(
             self,
             scenario=scenario,
