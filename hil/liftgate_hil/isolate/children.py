@@ -11,7 +11,7 @@ from typing import Any
 
 
 def in_memory(content: bytes) -> int:
-    """Return a descriptor, to be closed, from which `content` is read; unlike a pipe it makes nobody wait."""
+    """Return a descriptor, to be closed, from which `content` can be read; unlike a pipe it never blocks."""
     descriptor = os.memfd_create("given", os.MFD_CLOEXEC)
     with open(descriptor, "wb", closefd=False) as stream:
         stream.write(content)

@@ -48,7 +48,7 @@ _EXIT_S = 5.0  # s that it may take to end after its last reply
 
 
 class Order(NamedTuple):
-    """Order to the recording process: what to record, and how."""
+    """Order to the recording process: files, content, size limit, trigger, and range of the rings to record."""
 
     paths: Sequence[Path]
     content: Content
@@ -59,7 +59,7 @@ class Order(NamedTuple):
 
 
 class RecorderProcess:
-    """The recording process, from the emulator's side: it waits for its `order`, and is listed with `names`."""
+    """The recording process, as the emulator controls it: waits for its `order`; process lists show `names`."""
 
     def __init__(self, memory: Memory, names: Sequence[str] = ()) -> None:
         self._names = ""
@@ -128,7 +128,7 @@ class RecorderProcess:
             ended()
 
     def end_at(self, place: RingPlace) -> None:
-        """Have the recording end at a place in the rings, unless it is past it; `close` completes the files."""
+        """Set the place in the rings at which the recording ends, unless it is past; `close` completes files."""
         self._tell({"end": place})
 
     def wait_until_ready(self) -> None:

@@ -51,7 +51,7 @@ def _loops() -> Iterator[_Status]:
 
 
 def _status_of(pid: int | str, thread: int) -> _Status | None:
-    """Return the status of a loop's thread; None: it has ended, or is not named as a loop's."""
+    """Return the status of a loop's thread; None: the thread has ended, or does not have a loop thread's name."""
     with contextlib.suppress(OSError, ValueError, IndexError):
         stat = Path(f"/proc/{pid}/task/{thread}/stat").read_text()
         name, rest = stat.split("(", 1)[1].rsplit(")", 1)

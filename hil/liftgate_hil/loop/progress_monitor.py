@@ -136,7 +136,7 @@ class ProgressMonitor:
             self._listener.say(f"{time_s:.3f} s: {gaps_text(missing, cycles, self._command)}")
 
     def _look_at_command(self, time_s: float, now: float) -> None:
-        """Report when the command arrives or times out and, where it is missing for long, what is waited for."""
+        """Report when the command arrives or times out and, if missing for long, which message is awaited."""
         if self._reception.seen_ns[self._row] >= 0:
             if self._is_waiting:
                 self._listener.say(f"{time_s:.3f} s: {self._command} received")

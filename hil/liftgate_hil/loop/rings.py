@@ -57,7 +57,7 @@ _F_SEAL_FUTURE_WRITE = 0x10  # linux/fcntl.h, since Linux 5.1
 
 
 class Shared(NamedTuple):
-    """The shared memory as arrays, as the loop uses it."""
+    """Shared memory as arrays: the control words, the rings of rows and frames, and the timing histograms."""
 
     control: Any  # (1,) CONTROL
     rows: NDArray[np.float64]  # (rows, ROW_WIDTH): true and sensed values
@@ -209,7 +209,7 @@ class RingSink:
 
 
 class RingReader:
-    """Reads a ring's rows in order, each once; counts those that were overwritten before they were read.
+    """Reader of a ring's rows in order, each once; counts rows that were overwritten before they were read.
 
     `batch` is how many rows the writer writes, at most, before its count includes them.
     """
@@ -244,7 +244,7 @@ class RingReader:
 
 
 class ArrivalReader:
-    """Reads the frames that the gate has received, each once; costs next to nothing where there are none.
+    """Reader of the frames that the gate has received, each once; costs next to nothing where there are none.
 
     `batch` is the same as for a RingReader.
     """

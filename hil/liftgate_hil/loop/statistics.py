@@ -135,7 +135,7 @@ class Summary(DescribedResult):
     @property
     def known_bus_load_percent(self) -> Annotated[float, Shown("bus load over the run [%]; null: the run is "
             "shorter than 0.1 s", key="bus_load_percent")]:
-        """Bus load [%]; NaN for a run that is shorter than a cycle."""
+        """Bus load [%]; NaN for a run shorter than 0.1 s, a cycle in which every message is usually sent."""
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     @property
@@ -185,7 +185,7 @@ class Summary(DescribedResult):
         return "no command arrived: the ECU sent nothing"
 
     def injections_reported(self) -> str:
-        """Return a text on what a test bench injected."""
+        """Return a text on the faults that a test bench injected."""
         first = "; ".join(self.injected[:_MOST_LISTED])
         more = "; …" if self.injections > _MOST_LISTED else ""
         text = f": {first}{more}" if first else ""

@@ -155,7 +155,7 @@ def copied(state: Tree) -> Tree:
 
 @compilable
 def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
-    """Return the bridge's input for a commanded duty [%] and direction; if one that is needed is NaN, it coasts.
+    """Return a bridge's input for a commanded duty [%] and direction; it coasts if a needed value is NaN.
 
     If `signed` is 1 the sign of the duty is the direction, 0 brakes, and `direction` is not used; else `direction`
     is the bridge state (0 to 3: coast, open, close, brake), and only the size of the duty counts.

@@ -29,7 +29,7 @@ _MOST_LISTED = 1000  # orders of a run that are reported; more are executed, or 
 
 
 class Orders:
-    """Reads the orders of a rig's test bench from frames, and has a target execute them."""
+    """Observer that reads the orders of a rig's test bench from frames, and has a target execute them."""
 
     def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
         self._rig, self._target, self._say = rig, target, say

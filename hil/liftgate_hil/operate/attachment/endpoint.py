@@ -185,7 +185,7 @@ def packed(message: Any) -> bytes:
 
 
 class Arrivals:
-    """Buffer of the bytes received on a connection, which splits them into messages, see `packed`."""
+    """Buffer of the bytes received on a connection, which splits the bytes into messages, see `packed`."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()

@@ -12,7 +12,7 @@ _STILL_S = 1.0  # s without a look of the thread that executes commands, after w
 
 
 class PhaseTracker:
-    """Tracks the phase of a run from what its loop reports; `now` is a monotonic clock [s].
+    """Tracks the phase of a run from the reports of its loop; `now` is a monotonic clock [s].
 
     LATE while ticks were missed in the last two seconds, or while the run stands still, as one that waits for its
     ECU does: commands are executed only when it continues.
