@@ -1,4 +1,4 @@
-"""Checks of CAN interfaces, adapters that python-can finds, and serial ports."""
+"""Checks of CAN interfaces, of adapters that python-can detects, and of serial ports."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def socketcan(attempt: Callable[[], None] = open_can) -> Check:
 
 
 def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
-    """Check each CAN interface; `details` returns the output of `ip -details -json link show NAME`."""
+    """Check each CAN interface; `details` returns the output of `ip -details -json link show NAME` for a name."""
     paths = sorted((root / "sys/class/net").glob("*/type"))
     names = [path.parent.name for path in paths if read(path.parent, "type") == _CAN]
     if not names:
@@ -64,7 +64,7 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
 
 
 def link_of(text: str) -> Mapping[str, object]:
-    """Return `ip`'s answer for an interface: kind, bitrate [bit/s], state; empty where there is none."""
+    """Return kind, bitrate [bit/s] and state of an interface from `ip`'s JSON output; empty if it has none."""
     try:
         link = json.loads(text)[0]["linkinfo"]
         data = link.get("info_data", {})
@@ -102,7 +102,7 @@ def _interface(root: Path, name: str, link: Mapping[str, object]) -> Check:
 
 
 def ask_ip(name: str) -> str:
-    """Return iproute2's description of an interface; "" where it is not installed."""
+    """Return iproute2's JSON description of an interface; "" where iproute2 is not installed."""
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(
             ["ip", "-details", "-json", "link", "show", name],
@@ -112,7 +112,7 @@ def ask_ip(name: str) -> str:
 
 
 class Detection:
-    """python-can's own search for adapters, started at once in a process of its own; it takes seconds."""
+    """Search for adapters by python-can, started at once in a process of its own, as it takes seconds."""
 
     def __init__(self, command: Sequence[str] = (sys.executable, "-P", "-c", _ASK)) -> None:
         self._child: subprocess.Popen[str] | None = None
@@ -123,7 +123,7 @@ class Detection:
             )  # fmt: skip
 
     def wait(self, patience: float = PATIENCE) -> Check:
-        """Return what the search found, waiting at most `patience` [s]."""
+        """Wait for the search, at most `patience` [s], and return a check with the adapters found."""
         if self._child is None:
             return _undetected("python-can's search could not be started")
         try:
@@ -137,7 +137,7 @@ class Detection:
         return adapters(found)
 
     def close(self) -> None:
-        """End the search, whether it is done or not."""
+        """End the search, whether it has finished or not."""
         if self._child is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._child.pid, signal.SIGKILL)  # with what a driver has started
@@ -151,7 +151,7 @@ def _undetected(why: str) -> Check:
 
 
 def adapters(found: Sequence[Sequence[str]]) -> Check:
-    """List what python-can found, as for `--bus`; serial ports and SocketCAN have checks of their own."""
+    """Return a check that lists the adapters python-can found, without serial ports and SocketCAN interfaces."""
     with_hardware = [
         f"{interface}:{channel}"
         for interface, channel in found
@@ -185,7 +185,7 @@ def serial_ports(ports: Sequence[Any], user: str) -> Check:
 
 
 def _group_of(device: str) -> str:
-    """Return the group that may open a device."""
+    """Return the name of the group that may open a device."""
     with contextlib.suppress(OSError, KeyError):
         return grp.getgrgid(Path(device).stat().st_gid).gr_name
     return "dialout"

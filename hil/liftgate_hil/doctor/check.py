@@ -17,7 +17,7 @@ ROOT = Path("/")
 
 
 class Check(NamedTuple):
-    """The result of one check."""
+    """Result of one check of the machine."""
 
     check: Annotated[str, Shown("name of what was checked")]
     level: Annotated[Level, Shown("`ok`; `warning`: works, but not at its best; `problem`: no real time")]
@@ -25,7 +25,7 @@ class Check(NamedTuple):
     advice: Annotated[str, Shown("how to fix it; empty where it is ok")] = ""
 
     def lines(self) -> list[str]:
-        """Return the result as lines of text."""
+        """Return the check's result as lines of text."""
         lines = [f"{self.level:<8} {self.check:<18} {self.found}"]
         if self.advice:
             lines.append(f"{'':<8} {'':<18} -> {self.advice}")
@@ -33,12 +33,12 @@ class Check(NamedTuple):
 
 
 def judged(check: str, found: str, mend: str = "") -> Check:
-    """Return a check that is `ok` where there is nothing to mend, else a warning."""
+    """Return a check with a warning and the remedy `mend`, or `ok` where this is empty."""
     return Check(check, "warning" if mend else "ok", found, mend)
 
 
 def read(root: Path, name: str) -> str:
-    """Return the text of a file of the machine, stripped; "" where it cannot be read."""
+    """Return the text of a system file, stripped; "" where it cannot be read."""
     try:
         return (root / name).read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
@@ -46,7 +46,7 @@ def read(root: Path, name: str) -> str:
 
 
 def number(text: str, default: int) -> int:
-    """Return a text as a whole number, or `default` where it is none."""
+    """Convert a text to a whole number; return `default` where it is not one."""
     try:
         return int(text)
     except ValueError:
@@ -54,7 +54,7 @@ def number(text: str, default: int) -> int:
 
 
 def ranges(cpus: list[int]) -> str:
-    """Return CPU numbers as a list such as 0-3,6."""
+    """Return CPU numbers as text with ranges, such as 0-3,6."""
     parts: list[str] = []
     first = last = None
     for cpu in [*sorted(cpus), None]:

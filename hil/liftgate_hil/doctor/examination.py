@@ -1,4 +1,4 @@
-"""Examination of this machine: all checks, one after the other."""
+"""Examination of this machine for real-time runs: all checks, one after the other."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from liftgate_hil.loop.priority import Realtime
 
 @dataclass
 class Examination:
-    """Request and results of an examination; `tell` is called with each check as soon as it is done."""
+    """Examination of this machine, with request and results; `tell` is called with each check once it is done."""
 
     request: DoctorRequest
     tell: Callable[[Check], None]
@@ -31,7 +31,7 @@ class Examination:
     _tick: Quantiles | None = None
 
     def run(self) -> None:
-        """Run all checks; what would disturb the measurements ends before they begin."""
+        """Run all checks; those that would disturb the measurements end before these begin."""
         self._add(machine.platform())
         if not self.problems():
             with contextlib.closing(buses.Detection()) as detection:
@@ -46,7 +46,7 @@ class Examination:
         self._add(timing.verdict(self.request.rate, self._modes, self._tick, self.problems()))
 
     def problems(self) -> int:
-        """Return the number of problems so far."""
+        """Return the number of problems found so far."""
         return sum(check.level == "problem" for check in self.checks)
 
     def _add(self, *checks: Check) -> None:
@@ -95,7 +95,7 @@ class Examination:
         self.figures = timing.figures(rate, duration, plain, fifo, self._tick, shares)
 
     def _measure_fifo(self) -> timing.Wakeups | None:
-        """Measure lateness as runs in real time request it; None where FIFO scheduling was refused."""
+        """Measure wake-up lateness with a real-time run's requests; None where FIFO scheduling was refused."""
         realtime = Realtime(self.request.cpu, bool(self.request.realtime))
         wakeups = timing.measure(self.request.rate, self.request.duration, realtime)
         self._add(timing.given(realtime.refused, asked=bool(self.request.realtime)))
@@ -108,7 +108,7 @@ class Examination:
 
 
 def _is_compiled() -> bool:
-    """Whether the machine code of the real-time loop is in the cache."""
+    """Whether the compiled code of the real-time loop is in the cache."""
     from liftgate_hil.loop.realtime_loop import run_realtime
 
     return compiler.is_cached(run_realtime)

@@ -1,4 +1,4 @@
-"""Checks of what the machine grants this user: priority, memory, sleep states, swap, receive buffers."""
+"""Checks of the resources that the machine grants this user: priority, memory, sleep states, swap, buffers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FILE = "/etc/security/limits.d/90-liftgate.conf"
 
 
 def _limit(root: Path, name: str) -> int:
-    """Return a soft limit of this process; 0 where it is not known."""
+    """Return a soft resource limit of this process by its name in /proc; 0 where it is not known."""
     line = re.search(rf"^{name}\s+(\S+)", read(root, "proc/self/limits"), re.MULTILINE)
     if line is None:
         return 0
@@ -35,13 +35,13 @@ def _allow(user: str, name: str, value: str, unit: str) -> str:
 
 
 def may_have_fifo(root: Path) -> bool:
-    """Whether a run in real time will probably be granted its priority."""
+    """Whether a real-time run will probably be granted FIFO scheduling at its priority."""
     limit = _limit(root, "Max realtime priority")
     return limit >= PRIORITY or has_capability(root, _CAP_SYS_NICE)
 
 
 def may_lock_memory(root: Path) -> bool:
-    """Whether a run in real time will probably be allowed to lock its memory."""
+    """Whether a real-time run will probably be allowed to lock its memory."""
     return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, CAP_IPC_LOCK)
 
 
@@ -56,7 +56,7 @@ def priority(root: Path, user: str) -> Check:
 
 
 def memory(root: Path, user: str) -> Check:
-    """Check whether this user may lock enough memory."""
+    """Check whether this user may lock enough memory for a real-time run."""
     if short := short_of_memory(root):
         return judged("locked memory", short.partition("; ")[0], "give the container more memory")
     if may_lock_memory(root):
@@ -86,7 +86,7 @@ def sleep_states(root: Path) -> Check:
 
 
 def swap(root: Path, locked: bool) -> Check:
-    """Check whether a page of this program may be on a disk when a tick needs it."""
+    """Check whether memory of this program may be swapped to a disk when a tick needs it."""
     rows = [line.split() for line in read(root, "proc/swaps").splitlines()[1:]]
     used = sum(number(row[3], 0) for row in rows if len(row) > 3) / 1024.0
     if not rows:
@@ -118,7 +118,7 @@ def rivals(root: Path) -> Check:
 
 
 def receive_buffer(root: Path) -> Check:
-    """Check whether the socket of a bus gets the receive buffer that it requests."""
+    """Check whether a bus's socket gets the receive buffer that it requests."""
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
         return Check("receive buffer", "ok", f"CAN sockets get {RECEIVE_BUFFER >> 20} MiB")

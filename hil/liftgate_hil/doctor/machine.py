@@ -27,7 +27,7 @@ def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byte
 
 
 def kernel(root: Path) -> Check:
-    """Check the version of the kernel and its preemption."""
+    """Check the version of the kernel and its preemption model."""
     version = read(root, "proc/sys/kernel/version")
     flavour = match[0] if (match := re.search(r"PREEMPT\w*", version)) else "no PREEMPT"
     if read(root, "sys/kernel/realtime") == "1":
@@ -50,7 +50,7 @@ def kernel(root: Path) -> Check:
 
 
 def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
-    """Check the model and the number of the CPUs, and how many this process may use."""
+    """Check the model and number of the CPUs, and the number that this process may use."""
     info = read(root, "proc/cpuinfo")
     names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
     online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
@@ -64,7 +64,7 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
 
 
 def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
-    """Check which CPU --realtime would take, and whether the loop has it alone."""
+    """Check which CPU --realtime would use, and whether that CPU is isolated for the loop."""
     alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
     if wanted is not None and wanted not in allowed:
         found, mend = f"CPU {wanted} is not one that this process may use", ranges(list(allowed))
@@ -82,7 +82,7 @@ def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check
 
 
 def quota(root: Path) -> Check:
-    """Check a container's share of CPU time: when it is used up, the loop halts until the next period."""
+    """Check a container's CPU quota: once it is used up, the loop halts until the next quota period."""
     limits = [*_quotas(root, r"^0::(.*)$", "sys/fs/cgroup")]
     limits += _quotas(root, r"^\d+:(?:cpu|cpu,cpuacct):(.*)$", "sys/fs/cgroup/cpu")
     if not limits:
@@ -92,7 +92,7 @@ def quota(root: Path) -> Check:
 
 
 def _quotas(root: Path, line: str, mount: str) -> list[float]:
-    """Return the CPU time limits [CPUs] of this process's group and the groups around it."""
+    """Return the CPU quotas [CPUs] of this process's control group and its parents."""
     group = re.search(line, read(root, "proc/self/cgroup"), re.MULTILINE)
     folder = group[1].strip("/") if group else ""
     limits = []
@@ -123,7 +123,7 @@ def governor(root: Path) -> Check:
 
 
 def virtual(root: Path) -> Check:
-    """Check whether there is a hypervisor, which may take CPUs away unnoticed."""
+    """Check whether the machine is virtual; its hypervisor may take CPU time away unnoticed."""
     flags = re.search(r"^(?:flags|Features)\s*:(.*)$", read(root, "proc/cpuinfo"), re.MULTILINE)
     kind = read(root, "sys/hypervisor/type") or read(root, "sys/firmware/devicetree/base/hypervisor/compatible")
     if not kind and (flags is None or "hypervisor" not in flags[1].split()):
@@ -134,7 +134,7 @@ def virtual(root: Path) -> Check:
 
 
 def throttling(root: Path) -> Check:
-    """Check the share of CPU time that the kernel leaves to FIFO tasks."""
+    """Check the share of CPU time that the kernel allows FIFO tasks."""
     runtime = number(read(root, "proc/sys/kernel/sched_rt_runtime_us"), -2)
     period = max(number(read(root, "proc/sys/kernel/sched_rt_period_us"), 1_000_000), 1)
     if runtime == -2:

@@ -1,4 +1,4 @@
-"""Request to examine whether this machine is fit for real time."""
+"""Request to examine whether this machine is fit for real-time runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from liftgate_hil.plan.request import AskForRealtime, Rate
 
 # fmt: off
 class DoctorRequest(Record):
-    """Request to examine this machine."""
+    """Request to examine this machine: tick rate, duration of the measurements, and real-time settings."""
 
     duration: Annotated[float, Field(Number(0.1, 86_400.0, "s"), "duration of each lateness measurement; an hour "
         "shows rare delays", metavar="S")] = 2.0

@@ -1,4 +1,4 @@
-"""Checks of Python, the packages that a run needs, and the compiled model."""
+"""Checks of Python, of the packages that a run needs, and of the compiled model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
-    """Check that the packages are there, and that numba is one of the versions that were tried."""
+    """Check that the required packages are installed, and that numba has one of the tested versions."""
     found, missing = [f"Python {platform.python_version()}"], []
     for name in ("liftgate-hil", *PACKAGES):
         try:
@@ -37,7 +37,7 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
 
 
 def model(enabled: bool, cached: bool, folder: Path) -> Check:
-    """Return the check that the model's machine code is stored in `folder`, so that a start need not compile it.
+    """Check that the model's compiled code is stored in `folder`, so that a start need not compile it.
 
     `enabled`: the compiler is switched on; `cached`: the machine code is there.
     """
@@ -56,7 +56,7 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
 
 
 def _can_be_made(folder: Path) -> bool:
-    """Whether this user can write to the folder, or create it."""
+    """Whether this user can write to a folder, or create it."""
     try:
         existing = next(each for each in (folder, *folder.parents) if each.exists())
     except (OSError, StopIteration):

@@ -28,7 +28,7 @@ _TICK_TIME = 0.5  # s, duration of the ticks that are timed
 
 
 class Wakeups(NamedTuple):
-    """A measurement of timer lateness."""
+    """Measurement of wake-up lateness: its distribution, and the missed periods."""
 
     lateness: Quantiles
     missed: int  # periods that were missed
@@ -38,7 +38,7 @@ class Wakeups(NamedTuple):
 
     @property
     def missed_share(self) -> float:
-        """Share of missed periods, 0 to 1."""
+        """Share of the periods that were missed, 0 to 1."""
         return self.missed / self.periods
 
     @property
@@ -51,7 +51,7 @@ class Wakeups(NamedTuple):
 
 
 def measure(rate: float, duration: float, realtime: Realtime | None = None) -> Wakeups:
-    """Measure timer lateness at a rate [Hz] over a duration [s]."""
+    """Measure wake-up lateness at a rate [Hz] for a duration [s]."""
     from liftgate_hil.loop.wakeups import measure_wakeups
 
     periods = max(1, round(rate * duration))
@@ -60,7 +60,7 @@ def measure(rate: float, duration: float, realtime: Realtime | None = None) -> W
 
 
 def measure_tick(rate: float, realtime: Realtime | None = None) -> Quantiles:
-    """Measure the time of a tick in a real run of the shipped vehicle without a bus: paced, with cold caches."""
+    """Measure a tick's execution time in a real run of the shipped vehicle without a bus: paced, cold caches."""
     import numpy as np
 
     from liftgate_compiler import compiled
@@ -119,7 +119,7 @@ def steal(root: Path) -> dict[str, tuple[int, int]]:
 
 
 def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]) -> dict[str, float]:
-    """Return the share of time [%] that a virtual machine's host took between two readings of `steal`, by CPU."""
+    """Return each CPU's share of time [%] that a virtual machine's host took between two readings of `steal`."""
     return {
         name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
         for name, (taken, total) in before.items()
@@ -128,7 +128,7 @@ def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[in
 
 
 def stolen(shares: dict[str, float]) -> Check:
-    """Check whether the host took CPU time away."""
+    """Check whether a virtual machine's host took CPU time away; `shares` [%] by CPU."""
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] <= 0.0:
         return Check("stolen time", "ok", "none during the measurement")
@@ -150,7 +150,7 @@ def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
 
 
 def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
-    """Check the lateness and the missed periods of a measurement."""
+    """Check the lateness and the missed periods of a wake-up measurement."""
     from liftgate_hil.loop.statistics import in_words
 
     missed = f"{wakeups.missed} of {wakeups.periods} periods missed"
@@ -159,7 +159,7 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
-    """Check what a run in real time is refused; how to get it is reported only where --realtime was `asked`."""
+    """Check which requests of a real-time run are refused; remedies are given only if --realtime was `asked`."""
     if not refused:
         return Check("real time", "ok", "a run gets everything that it requests")
     parts = [text.partition("; ") for text in refused]
@@ -169,7 +169,7 @@ def given(refused: Sequence[str], asked: bool) -> Check:
 
 
 def tick_cost(tick: Quantiles | None, rate: float) -> Check:
-    """Check whether a tick fits into a period."""
+    """Check whether a tick's execution time fits into a period."""
     if tick is None:
         return Check("tick", "ok", "not measured: the model is not compiled yet")
     share = f"{100.0 * tick.p50_us * 1e-6 * rate:.1f} % of a period at {rate:g} Hz"
@@ -179,7 +179,7 @@ def tick_cost(tick: Quantiles | None, rate: float) -> Check:
 
 
 def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, problems: int) -> Check:
-    """Judge this machine at a rate [Hz]; `modes` are WITH and WITHOUT FIFO scheduling."""
+    """Judge this machine's fitness for real time at a rate [Hz]; `modes` are WITH and WITHOUT FIFO scheduling."""
     from liftgate_hil.loop.statistics import force_of
 
     if not modes:
@@ -223,7 +223,7 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, prob
 
 
 def _untimely(wakeups: Wakeups) -> str:
-    """Return a text on long wake-ups: their number, and in what share of windows a verdict needs the replay."""
+    """Return a text on late wake-ups: their number, and the share of windows in which a verdict needs a replay."""
     from liftgate_hil.loop.wakeups import LONG_NS
 
     percent = 100.0 * (1.0 - wakeups.direct_share)
@@ -236,7 +236,7 @@ def _untimely(wakeups: Wakeups) -> str:
 # fmt: off
 @dataclass(frozen=True)
 class LatenessFigures(DescribedResult):
-    """Lateness of the loop's wake-ups, and what follows from it."""
+    """Figures of a wake-up lateness measurement, and what follows from them."""
 
     lateness: Annotated[Quantiles, Shown("distribution", is_flat=True)]
     missed: Annotated[int, Shown("periods that were skipped")]
@@ -251,7 +251,7 @@ class LatenessFigures(DescribedResult):
 
 @dataclass(frozen=True)
 class DoctorFigures(DescribedResult):
-    """Measurements of the doctor."""
+    """Measurements of an examination of the machine."""
 
     rate_hz: Annotated[float, Shown("rate of the measurement [Hz]")]
     duration_s: Annotated[float, Shown("duration of each measurement [s]")]
@@ -274,7 +274,7 @@ def figures(
     tick: Quantiles | None,
     stolen_shares: Mapping[str, float],
 ) -> DoctorFigures:
-    """Return all measurements."""
+    """Return all measurements as figures of the report."""
     from liftgate_hil.loop.statistics import force_of
 
     def of(wakeups: Wakeups) -> LatenessFigures:

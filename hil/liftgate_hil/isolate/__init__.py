@@ -1,1 +1,1 @@
-"""Other processes of a run: answers that foreign code cannot spoil, deadlines, and the end of all descendants."""
+"""Other processes of a run: answers protected from foreign code, deadlines, and the end of all descendants."""

@@ -31,7 +31,7 @@ class BadAnswerError(Exception):
 
 
 class AnswerChannel:
-    """The parent's end of the channel; close it, or use it as a context manager."""
+    """The parent's end of the answer channel; close it, or use it as a context manager."""
 
     def __init__(self) -> None:
         self._token = secrets.token_bytes(16)
@@ -48,11 +48,11 @@ class AnswerChannel:
 
     @property
     def address(self) -> tuple[str, bytes]:
-        """Name and token, for `send_answer` in the child."""
+        """Name and token of the channel, for `send_answer` in the child."""
         return self._name, self._token
 
     def take(self, timeout: float) -> bytes | None:
-        """Return the answer; None where none has come within `timeout` [s]. Raises BadAnswerError."""
+        """Return the child's answer; None: none has come within `timeout` [s]. Raises BadAnswerError."""
         if not select.select([self._socket], [], [], timeout)[0]:
             return None
         connection, _ = self._socket.accept()
@@ -74,12 +74,12 @@ class AnswerChannel:
             return payload
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening for an answer."""
         self._socket.close()
 
 
 def send_answer(address: tuple[str, bytes], payload: bytes) -> None:
-    """Send the child's one answer. Raises OSError."""
+    """Send the child's one answer to the parent. Raises OSError."""
     name, token = address
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as low:
         # Threads of foreign code may still write to low descriptors.

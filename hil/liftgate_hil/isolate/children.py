@@ -1,4 +1,4 @@
-"""Child processes: descriptors that they inherit, and their end."""
+"""Child processes: the descriptors that they inherit, and how they are ended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def in_memory(content: bytes) -> int:
-    """Return a descriptor, to be closed, from which the content is read; unlike a pipe it makes nobody wait."""
+    """Return a descriptor, to be closed, from which `content` can be read; unlike a pipe it never blocks."""
     descriptor = os.memfd_create("given", os.MFD_CLOEXEC)
     with open(descriptor, "wb", closefd=False) as stream:
         stream.write(content)
@@ -20,7 +20,7 @@ def in_memory(content: bytes) -> int:
 
 
 def keep_nice_value(child: subprocess.Popen[Any]) -> None:
-    """Give a child this process's nice value.
+    """Give a child process this process's nice value.
 
     A thread with FIFO scheduling does not hand down a negative one (reset-on-fork, sched(7)): under `nice -n -10`
     what it starts would wait for everything beside it that has the same value.
@@ -30,7 +30,7 @@ def keep_nice_value(child: subprocess.Popen[Any]) -> None:
 
 
 def foreign_output() -> int:
-    """Return where foreign code's stdout goes: to stderr, as a program may parse the output of this one."""
+    """Return the descriptor for foreign code's stdout: stderr, as a program may parse this one's stdout."""
     try:
         os.fstat(2)
     except OSError:
@@ -39,7 +39,7 @@ def foreign_output() -> int:
 
 
 def end_in_words(code: int) -> str:
-    """Return in words how a process has ended, by its exit code as Popen has it: negative for a signal."""
+    """Return as text how a process has ended, by its exit code as Popen has it: negative for a signal."""
     if code >= 0:
         return f"exit code {code}"
     try:
@@ -49,7 +49,7 @@ def end_in_words(code: int) -> str:
 
 
 def end(child: subprocess.Popen[Any], patience: float) -> None:
-    """Terminate a child, and kill it if it is still there after a time [s]; returns after twice that at most."""
+    """Terminate a child, and kill it if it has not ended after `patience` [s]; takes twice that at most."""
     for request in (child.terminate, child.kill):
         request()
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -61,7 +61,7 @@ _GAP_S = 0.5  # s, the most that counts between two looks
 
 
 class Stillness:
-    """Time for which a value that shows another process's progress has not changed.
+    """Timer for how long a value that shows another process's progress has not changed.
 
     It is counted from look to look, and of a longer gap only 0.5 s: while a machine is so busy, or stands still,
     that this process cannot look, the other cannot go on either.
@@ -73,7 +73,7 @@ class Stillness:
         self._seconds = 0.0
 
     def of(self, value: object) -> float:
-        """Look at the value, and return for how long it has not changed [s]."""
+        """Return for how long the value has not changed [s], up to this call."""
         now = time.monotonic()
         self._seconds += min(now - self._looked, _GAP_S)
         self._looked = now

@@ -40,7 +40,7 @@ _ROWS = 512  # rows of a stretch: at most so many are lost in a crash
 
 
 class WorkerReply(NamedTuple):
-    """Answer of a worker."""
+    """Answer of a worker, with a note on its exit."""
 
     payload: bytes
     note: str  # what went wrong after the answer; "": nothing
@@ -49,7 +49,7 @@ class WorkerReply(NamedTuple):
 def run_isolated(
     worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
 ) -> WorkerReply:
-    """Return the answer of a module, the worker, to a pickled plan; early if it is `stopped`.
+    """Run a module as a worker process on a pickled plan, and return its answer; early if it is `stopped`.
 
     The ticks of the run are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
     spoiled.
@@ -87,7 +87,7 @@ def run_isolated(
 
 
 class _Watch:
-    """Waits for a worker's answer and for its exit, and detects that it hangs."""
+    """Waits for a worker's answer and for its exit, and detects that the worker hangs."""
 
     def __init__(
         self,
@@ -104,7 +104,7 @@ class _Watch:
         self._stopped, self._hang_s = stopped, hang_s
 
     def answer(self) -> bytes:
-        """Return the worker's answer. Raises EcuError."""
+        """Wait for the worker's answer and return it. Raises EcuError."""
         progress, pulse = Stillness(), Stillness()
         while True:
             if self._stopped():
@@ -128,7 +128,7 @@ class _Watch:
                 return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _late_answer(self, what: str, is_its: bool = False) -> bytes:
-        """Return a late answer; else raise the failure, with where the ECU's Python code is, if that is known."""
+        """Return an answer that came late; else raise the failure, with the Python line of the ECU if known."""
         self._control.asked = 1
         payload = None
         with contextlib.suppress(BadAnswerError):
@@ -139,7 +139,7 @@ class _Watch:
         raise self._failure(what + place.decode(errors="replace"), is_its)
 
     def _end(self) -> str:
-        """Return in words how the worker has ended."""
+        """Return as text how the worker has ended."""
         status = os.read(self._ended, _STATUS.size)
         if len(status) == _STATUS.size:
             return end_in_words(os.waitstatus_to_exitcode(_STATUS.unpack(status)[0]))
@@ -148,7 +148,7 @@ class _Watch:
         return "cause unknown"
 
     def exit_note(self) -> str:
-        """Wait until the process that has answered exits; return "", or a note where it does not."""
+        """Wait until the worker that has answered exits; return "", or a note if it does not exit in time."""
         until = time.monotonic() + EXIT_S
         while time.monotonic() < until:
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -159,7 +159,7 @@ class _Watch:
         return f"the ECU's process did not exit within {EXIT_S:g} s after the run, and was killed"
 
     def _patience(self) -> float:
-        """Return how long there may be no progress at present [s]."""
+        """Return the time [s] without progress after which the worker counts as hanging."""
         if int(self._control.foreign) % 2:
             return self._hang_s
         return SILENT_S + int(self._control.tick) * self._step
@@ -185,7 +185,7 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 @contextlib.contextmanager
 def foreign_code(memory: Memory | None) -> Iterator[None]:
-    """Mark in the memory, if there is one, that an ECU's own code runs, which may hang."""
+    """Context that marks in the memory, if there is one, that an ECU's own code runs, which may hang."""
     if memory is None:
         yield
         return
@@ -197,11 +197,11 @@ def foreign_code(memory: Memory | None) -> Iterator[None]:
 
 
 class ProgressSink:
-    """Sink that notes in the memory the progress of a loop that has a memory of its own."""
+    """Sink that reports the progress of a loop in the memory, where the loop itself has another memory."""
 
     def __init__(self, memory: Memory) -> None:
         self._control = memory.shared.control[0]
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Count the rows as ticks."""
+        """Count the rows as ticks in the memory."""
         self._control.tick += len(rows)

@@ -48,7 +48,7 @@ _EXIT_S = 5.0  # s that it may take to end after its last reply
 
 
 class Order(NamedTuple):
-    """Order to the recording process: what to record, and how."""
+    """Order to the recording process: files, content, size limit, trigger, and range of the rings to record."""
 
     paths: Sequence[Path]
     content: Content
@@ -59,7 +59,7 @@ class Order(NamedTuple):
 
 
 class RecorderProcess:
-    """The recording process, as the emulator sees it: it waits for its `order`, and is listed with `names`."""
+    """The recording process, as the emulator controls it: waits for its `order`; process lists show `names`."""
 
     def __init__(self, memory: Memory, names: Sequence[str] = ()) -> None:
         self._names = ""
@@ -98,7 +98,7 @@ class RecorderProcess:
 
     @property
     def is_there(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the recording process is still running."""
         return self._process.poll() is None
 
     def order(
@@ -112,7 +112,7 @@ class RecorderProcess:
         end: RingPlace | None = None,
         ended: Callable[[], None] = lambda: None,
     ) -> None:
-        """Have it record; `say` reports at once what fails.
+        """Send the order to record to `paths`; `say` is called at once with what fails.
 
         The recording begins at a place in the rings, which hold 4 s, else with the run's first row, and ends at
         one that is given here or to `end_at`. `ended` is called once the process has ended, for whatever reason.
@@ -128,11 +128,11 @@ class RecorderProcess:
             ended()
 
     def end_at(self, place: RingPlace) -> None:
-        """Have the recording end at a place in the rings, if it is not past it; it is completed by `close`."""
+        """Set the place in the rings at which the recording ends, unless it is past; `close` completes files."""
         self._tell({"end": place})
 
     def wait_until_ready(self) -> None:
-        """Wait until its files are open. Raises ConfigError."""
+        """Wait until the recording's files are open. Raises ConfigError."""
         answer = self._answer(_READY_S) or {}
         if "ready" not in answer:
             self._kill()
@@ -142,11 +142,11 @@ class RecorderProcess:
         self._is_ready = True
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Have a mark of up to 200 characters written at a time [s], without waiting; False: it is not taken."""
+        """Send a mark of up to 200 characters at a time [s], without waiting; False: the process refused it."""
         return self._failed < self._count and self._tell([time_s, text])
 
     def _tell(self, what: Any) -> bool:
-        """Write a line to the process without waiting; False: it does not take it."""
+        """Write a line to the process without waiting; False: the process does not accept it."""
         assert self._process.stdin is not None
         try:  # as a whole: a pipe takes 4096 bytes or nothing
             os.write(self._process.stdin.fileno(), json.dumps(what).encode() + b"\n")
@@ -155,7 +155,7 @@ class RecorderProcess:
         return True
 
     def close(self) -> None:
-        """Have the files completed, which may take as long as the run has, and a minute. Raises RecordingError."""
+        """Wait until the files are completed, at most the run's duration and a minute. Raises RecordingError."""
         assert self._process.stdin is not None
         self._is_closing = True
         with contextlib.suppress(OSError):
@@ -187,13 +187,13 @@ class RecorderProcess:
             raise RecordingError("; ".join(answer["failures"]))
 
     def _answer(self, patience: float) -> dict[str, Any] | None:
-        """Return the next reply within `patience` [s]; None: none came, or the process has ended."""
+        """Return the process's next reply within `patience` [s]; None: none came, or the process has ended."""
         with contextlib.suppress(queue.Empty):
             return self._answers.get(timeout=patience)
         return None
 
     def _kill(self) -> None:
-        """Kill the process, if it has not ended."""
+        """Kill the recording process, if it has not ended."""
         self._process.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_EXIT_S)
@@ -206,7 +206,7 @@ class RecorderProcess:
         return f"`record` {self._names}: the recording process was ended from outside"
 
     def _read(self, heard: int) -> None:
-        """Read the recorder process's replies from the descriptor `heard` until the process ends."""
+        """Read the recording process's replies from the descriptor `heard` until the process ends."""
         is_complete = False
         try:
             with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:
@@ -229,7 +229,7 @@ class RecorderProcess:
 
 
 def _decoded(line: str) -> dict[str, Any]:
-    """Return a reply; {} for an invalid line, such as one that was cut off."""
+    """Return the reply in a line; {} for an invalid line, such as one that was cut off."""
     try:
         answer = json.loads(line)
     except ValueError:
@@ -238,7 +238,7 @@ def _decoded(line: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Record until stdin ends, and complete the files; return the exit code."""
+    """Main program of the recording process: record until stdin ends, complete the files; return the exit code."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the emulator, also a service's stop
         signal.signal(number, signal.SIG_IGN)
     given, reply_fd, memory_descriptor, *sizes = (int(each) for each in sys.argv[1:6])
@@ -311,7 +311,7 @@ def main() -> int:
 
 
 def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
-    """Have the recorder obey an end, read what was `seen` before these lines, and mark; return what is seen."""
+    """Have the recorder carry out the lines `told`, and read the rings up to `seen`; return their place now."""
     for each in told:
         if isinstance(each, dict):
             recorder.end_at(RingPlace(*each["end"]))
@@ -324,7 +324,7 @@ def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: 
 
 
 def _lines_until_the_end(wakes: Sequence[int]) -> Iterator[list[Any]]:
-    """Yield what comes on stdin until it ends, regularly, and once one of the descriptors `wakes` can be read."""
+    """Yield the lines received on stdin until it ends, regularly and when a descriptor in `wakes` is ready."""
     rest = b""
     while True:
         come = b""

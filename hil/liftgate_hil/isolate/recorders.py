@@ -1,4 +1,4 @@
-"""Recorders: pass the rows and frames of a run, or of its loop's rings, to the writers of its recordings."""
+"""Recorders: pass the rows and frames of a run, or of its loop's rings, to the writers of its files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are
 
 
 class RingPlace(NamedTuple):
-    """Place in the loop's rings: how many rows and frames it has written so far."""
+    """Place in the loop's rings: numbers of rows and frames that the loop has written so far."""
 
     rows: int
     frames: int
@@ -29,13 +29,13 @@ EVERYWHERE = RingPlace(2**62, 2**62)
 
 
 def place_in(memory: Memory) -> RingPlace:
-    """Return where the loop's rings are now."""
+    """Return the present place in the loop's rings."""
     control = memory.shared.control
     return RingPlace(int(control["rows"][0]), int(control["frames"][0]))
 
 
 class RingRecorder:
-    """Passes rows and frames from the rings to the writers; what comes before `write_to` waits here.
+    """Passes rows and frames from the rings to the writers of files; buffers them until `write_to`.
 
     Files may take longer to open than the rings hold, as a format's library is imported with the first one.
     """
@@ -58,29 +58,29 @@ class RingRecorder:
         self.span: tuple[float, float] | None = None  # s, first and last row that were written
 
     def write_to(self, writers: Sequence[Writer]) -> None:
-        """Write all that has come so far, and what comes from now on."""
+        """Write the buffered rows and frames to the files of the writers, and later ones at once."""
         self._writers, kept, self._kept = writers, self._kept, []
         for write in kept:
             write(writers)
 
     def _put(self, write: Callable[[Sequence[Writer]], None]) -> None:
-        """Write something, at once or as soon as there are writers."""
+        """Call a function with the writers, at once or as soon as there are writers."""
         if self._writers is None:
             self._kept.append(write)
         else:
             write(self._writers)
 
     def end_at(self, place: RingPlace) -> None:
-        """Read the rings up to this place only."""
+        """Set the place in the rings at which the recording ends."""
         self._rows.end, self._frames.end = place
 
     @property
     def lost(self) -> int:
-        """Rows and frames that were overwritten before they were read."""
+        """Number of rows and frames that were overwritten before they were read."""
         return self._rows.lost + self._frames.lost
 
     def take(self, most: RingPlace = EVERYWHERE, is_last: bool = False) -> None:
-        """Write what is new up to a place, down to the operating system; frames in the order of time."""
+        """Write new rows and frames up to a place, down to the operating system; frames in the order of time."""
         rows = self._rows.take(most.rows)
         come = self._frames.take(most.frames)
         frames = self._in_order(come, is_last)
@@ -94,7 +94,7 @@ class RingRecorder:
         self._put(lambda writers: write_block(writers, self._content, rows, frames))
 
     def mark(self, time_s: float, text: str) -> None:
-        """Write a mark at a time [s] of the run."""
+        """Write a mark at a time [s] of the run to the files."""
         self.begin()
 
         def write(writers: Sequence[Writer]) -> None:
@@ -117,7 +117,7 @@ class RingRecorder:
         self._put(write)
 
     def _in_order(self, come: Any, is_last: bool) -> Any:
-        """Return, in the order of time, the frames before which none can come; the others wait."""
+        """Return the frames that no later one can precede, in the order of time; buffer the others."""
         frames = np.concatenate([self._waiting, come])
         frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         count = len(frames)
@@ -131,17 +131,17 @@ _ROWS = 100  # rows that are buffered before they are written
 
 
 class Sieve(Protocol):
-    """Selects the rows and frames of a run that are recorded."""
+    """Filter that selects the rows and frames of a run that are recorded."""
 
     def kept(self, rows: NDArray[np.float64], frames: Any, come: Any) -> tuple[NDArray[np.float64], Any]:
-        """Return the rows and frames to be recorded now: of these, and of earlier ones.
+        """Return the rows and frames to be recorded now, from those given and earlier ones.
 
         `rows` and `frames` are in the order of time; `come` are the frames that the loop has logged meanwhile.
         """
 
 
 class RecordingSink:
-    """Passes rows and frames to writers in blocks, with a sieve only some; times count from the run's start."""
+    """Passes rows and frames to writers in blocks, through a sieve if given; times count from the run's start."""
 
     def __init__(self, writers: Sequence[Writer], content: Content, sieve: Sieve | None = None) -> None:
         self._writers, self._content, self._sieve = writers, content, sieve
@@ -158,7 +158,7 @@ class RecordingSink:
             self.flush()
 
     def flush(self) -> None:
-        """Write what is buffered, down to the operating system: an ECU may crash this process."""
+        """Write the buffered rows and frames, down to the operating system: an ECU may crash this process."""
         if not self._rows:
             return
         rows = self._rows[0] if len(self._rows) == 1 else np.concatenate(self._rows)
@@ -170,7 +170,7 @@ class RecordingSink:
 
 
 def write_block(writers: Sequence[Writer], content: Content, rows: NDArray[np.float64], frames: Any) -> None:
-    """Write rows (n, ROW_WIDTH) and frames (m,) LOGGED, either of which may be empty, and flush."""
+    """Write rows (n, ROW_WIDTH) and frames (m,) LOGGED, either possibly empty, to all writers, and flush."""
     rows = content.whole(rows)
     for writer in writers:
         if len(rows):

@@ -1,4 +1,4 @@
-"""Supervisor between this program and foreign code: when the code ends, it ends all that the code has started.
+"""Supervisor between this program and foreign code: when the code ends, it kills all processes left behind.
 
 `supervise` forks. The child returns from it and goes on to run the foreign code; the parent stays behind as the
 supervisor. It is a child subreaper (prctl(2)), so that all processes that the code starts, also in sessions of
@@ -59,7 +59,7 @@ def supervise(
 
 
 def dies_with_parent(parent: int | None = None) -> None:
-    """Have the kernel send this process SIGTERM when its parent ends, even where that is killed.
+    """Have the kernel send this process SIGTERM when its parent ends, even if the parent is killed.
 
     A process that is not a child of `parent` any more ends at once.
     """
@@ -69,7 +69,7 @@ def dies_with_parent(parent: int | None = None) -> None:
 
 
 def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, status_fd: int | None) -> None:
-    """Wait for the child, end the processes that it leaves behind, and exit as it did."""
+    """Wait for the child, end the processes that it leaves behind, and exit as the child did."""
     is_there = True
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -96,7 +96,7 @@ def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, s
 
 
 def _end_descendants() -> None:
-    """Kill all children, and so in the end all descendants; recorders have some time before."""
+    """Kill all children, and so in the end all descendants; recorders get some time to complete their files."""
     until = time.monotonic() + _COMPLETE_S
     while True:
         try:
@@ -115,7 +115,7 @@ def _end_descendants() -> None:
 
 
 def _children() -> Iterator[int]:
-    """Yield the processes whose parent this one is."""
+    """Yield the ids of this process's children."""
     own = os.getpid()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -132,7 +132,7 @@ def _is_recorder(pid: int) -> bool:
 
 
 def _exit_as(status: int, allowed: frozenset[int] | None) -> None:
-    """End this process as a child that was waited for has ended."""
+    """End this process with the exit code or signal of a child that was waited for."""
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # the child has left a core dump, if any

@@ -1,4 +1,4 @@
-"""Order of one tick, which all loops share.
+"""Order of the operations within one tick, which all loops share.
 
 The stimuli act, the gate advances, its frames are made ready to be sent, and the row of the recording is written.
 """
@@ -51,7 +51,7 @@ _MOST_RATE, _MOST_ANGLE = GATE_RATE.high, GATE_ANGLE.high
 
 @compilable
 def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Bench, in_force: float) -> None:
-    """Fill a row (ROW_WIDTH,) of signals.COLUMNS; `in_force` are the bits of the faults in force."""
+    """Write a tick's values to a row (ROW_WIDTH,) of signals.COLUMNS; `in_force`: bits of the faults in force."""
     fill(row, COLUMN_ROWS.truth, truth)
     fill(row, COLUMN_ROWS.sensed, sensed)
     fill(row, COLUMN_ROWS.bench, bench)
@@ -60,7 +60,7 @@ def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Ben
 
 @compilable
 def is_sound(truth: Truth) -> bool:
-    """Whether the plant still gives finite numbers, within the catalogue's limits for currents and motions.
+    """Whether the plant's values are finite and within the catalogue's limits for currents and motions.
 
     A plant that diverges exceeds these limits long before it exceeds what a number can hold.
     """

@@ -1,4 +1,4 @@
-"""Arrivals of frames on the monotonic clock: when one came, and how long it has waited."""
+"""Arrival times of frames on the monotonic clock, and how long frames have waited."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from liftgate_hil.codec.frames import FD_FLAGS, Frames
 
 @compilable
 def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
-    """Return a frame's arrival on the monotonic clock, from the stamp that `read_frames` returns.
+    """Return a frame's arrival time [ns] on the monotonic clock, from the timestamp that `read_frames` returns.
 
     A pump's stamp is of that clock. A step of the wall clock between the frame's arrival and now makes the
     kernel's stamp wrong; but the frame came after all were last read, which limits the error.
@@ -23,7 +23,7 @@ def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
 
 @compilable
 def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
-    """Whether a frame with one of these identifiers is there."""
+    """Whether any of the frames has one of the given identifiers."""
     for i in range(frames.count):
         identifier = frames.identifiers[i] & ~FD_FLAGS
         for wanted in identifiers:
@@ -34,7 +34,7 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
 
 @compilable
 def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) -> int:
-    """Return when the first frame with an identifier came; 0: there is none."""
+    """Return the arrival time [ns] of the first frame with an identifier; 0: there is no such frame."""
     for i in range(frames.count):
         if frames.identifiers[i] & ~FD_FLAGS == identifier:
             return int(stamps[i])
@@ -43,7 +43,7 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 @compilable
 def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
-    """Return the longest time that one of the frames has waited [ns]."""
+    """Return the longest time [ns] that any of the frames has waited since its arrival."""
     longest = 0
     for i in range(frames.count):
         longest = max(longest, now_ns - stamps[i])

@@ -25,7 +25,7 @@ ANY = 2**62  # no limit to the number of edges
 
 
 class Script(NamedTuple):
-    """Stimuli of a stretch of the closed loop, and the conditions that end the stretch."""
+    """Stimuli of one stretch (call of `run_stretch`) of the closed loop, and the conditions that end it."""
 
     stimuli: StimulusPlan
     ticks: int  # the loop's tick at which the stretch ends
@@ -35,7 +35,7 @@ class Script(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """The state at the end of a stretch of an episode."""
+    """State of an episode's closed loop at the end of a stretch (call of `run_stretch`)."""
 
     loop: LoopState
     node: NodeState
@@ -46,13 +46,13 @@ class Stretch(NamedTuple):
 
 @compilable
 def most_frames(config: LoopConfig) -> int:
-    """Return how many frames a tick may bring at most, in either direction."""
+    """Return the maximum number of frames per tick, in either direction."""
     return CAPACITY + len(config.outputs.messages)
 
 
 @compilable
 def note_exchange(shared: Shared, given: Frames, heard: Frames, time_ns: int, is_recorded: int) -> None:
-    """Count the bits of a tick's frames in both directions; if they are recorded, put them into the ring."""
+    """Count the bits of a tick's frames in both directions; if `is_recorded`, write the frames to the ring."""
     count_bits(shared, given)
     count_bits(shared, heard)
     if is_recorded:
@@ -62,7 +62,7 @@ def note_exchange(shared: Shared, given: Frames, heard: Frames, time_ns: int, is
 
 @compilable
 def run_stretch(config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared) -> Stretch:
-    """Run on from the end of the last stretch, and return the end of this one.
+    """Continue the closed loop from the state `start` until it has to return to Python; return the state there.
 
     It ends at `script.ticks`, where a ring of `shared` could overflow, when its `stop` is set, or with an outcome
     other than DONE.

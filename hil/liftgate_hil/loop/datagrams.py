@@ -1,4 +1,4 @@
-"""Reading and writing of frames through a socket, by code that does not hold the interpreter lock.
+"""Reading and writing of CAN frames through a socket, by code that does not hold the interpreter lock.
 
 Every wire is a datagram socket that carries the kernel's `struct can_frame` (16 bytes) and `struct canfd_frame`
 (72 bytes, linux/can.h): a raw CAN socket, or one end of a socket pair whose other end a pump thread serves. Many
@@ -42,7 +42,7 @@ _nanosleep = System("nanosleep", "i", "ll")
 
 
 class Buffers(NamedTuple):
-    """Headers and buffers for a batch in one direction. A header is 64 bytes (struct mmsghdr)."""
+    """Message headers (struct mmsghdr, 64 bytes each) and buffers for a batch of frames in one direction."""
 
     headers: NDArray[np.int64]  # (n, 8): name, name length, iovec, its length, control, its length, flags, length
     vectors: NDArray[np.int64]  # (n, 2): address, bytes
@@ -52,7 +52,7 @@ class Buffers(NamedTuple):
 
 
 class SocketReading(NamedTuple):
-    """Result of reading frames from a socket: how many there were, and what went wrong."""
+    """Result of reading frames from a socket: numbers of frames read and dropped, and the error."""
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     error: int  # errno of a failure, 0: none
@@ -69,7 +69,7 @@ class Writing(NamedTuple):
 
 
 def make_buffers() -> Buffers:
-    """Return headers that point at their own rows."""
+    """Allocate the message headers of a batch, each with the address of its own buffer."""
     buffers = Buffers(
         np.zeros((BATCH, 8), dtype=np.int64),
         np.zeros((BATCH, 2), dtype=np.int64),
@@ -88,7 +88,7 @@ def make_buffers() -> Buffers:
 
 @compilable
 def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]) -> SocketReading:
-    """Read the datagrams that are there, at most as many as `frames` has room for; never waits.
+    """Read the frames waiting at a socket, at most as many as `frames` has room for; never blocks.
 
     Datagrams that are no frames are skipped, but count: a socket whose other end is closed returns empty datagrams
     for ever. `stamps` receives each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative
@@ -120,7 +120,7 @@ def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArr
 
 @compilable
 def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> None:
-    """Convert a struct can_frame or canfd_frame to a row of frames."""
+    """Convert a received struct can_frame or canfd_frame, the batch's `i`-th, to a row of `frames`."""
     raw = buffers.rows[i]
     low = int(np.int64(raw[0])) | int(np.int64(raw[1])) << 8
     high = int(np.int64(raw[2])) | int(np.int64(raw[3])) << 8
@@ -136,7 +136,7 @@ def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> No
 
 @compilable
 def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, int]:
-    """Return (timestamp, drop counter) that came with a frame."""
+    """Return a received frame's timestamp and the socket's drop counter, from the frame's ancillary data."""
     stamp = 0
     if size == _ROW:  # from this project's pump
         dropped = 0
@@ -160,7 +160,7 @@ def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, 
 
 @compilable
 def write_frames(descriptor: int, buffers: Buffers, frames: Frames, patience: int) -> Writing:
-    """Write all frames; retry up to `patience` times in all, after a pause each, where the wire accepts none.
+    """Write all frames to a socket; where it accepts none, retry after a pause, up to `patience` times in all.
 
     What is still not accepted is not sent: the next cycle's frame is newer.
     """
@@ -198,7 +198,7 @@ def write_frames(descriptor: int, buffers: Buffers, frames: Frames, patience: in
 
 @compilable
 def _pack(buffers: Buffers, i: int, frames: Frames, row: int) -> None:
-    """Convert a row of frames to a struct can_frame or canfd_frame."""
+    """Convert a row of `frames` to a struct can_frame or canfd_frame, the batch's `i`-th."""
     raw = buffers.rows[i]
     identifier = int(frames.identifiers[row])
     length = int(frames.lengths[row])

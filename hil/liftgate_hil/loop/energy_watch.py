@@ -1,4 +1,4 @@
-"""Check that an undriven gate gains no energy, as it does where the solver diverges."""
+"""Check that an undriven gate gains no energy; such a gain shows that the solver diverges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ABSENT = ("hand_force_n", "wind_pressure_pa", "external_torque_nm", "pinch_forc
 
 
 class EnergyWatch:
-    """Checks the rows of a run, block by block, in stretches without any drive or push from outside.
+    """Checks that a run's gate gains no energy, by its rows, in stretches without any drive or push from outside.
 
     The available energy of a gate is that at the stretch's start above the least that it could have at rest. A
     gate that twists, has a latch with positions, or has faults is not checked.
@@ -37,7 +37,7 @@ class EnergyWatch:
         self._least = self._start = math.nan  # J, of the stretch that the last block has left unfinished
 
     def gain(self, rows: Floats, given: Floats) -> int | None:
-        """Return the first of these rows (n, columns) in which the gate has gained too much energy; None: in none.
+        """Return the index of the first row (n, columns) by which the gate gained too much energy; None: no row.
 
         `given` (n, INPUT_COLUMNS) is what drives the motors from each row on, NaN where nothing is given.
         """
@@ -87,7 +87,7 @@ class EnergyWatch:
 
 
 def motion_of(rows: Floats) -> SampledMotion:
-    """Return the motion in rows (n, columns)."""
+    """Return the gate's sampled motion from rows (n, columns) of a run."""
 
     def column(name: str) -> Floats:
         values: Floats = rows[:, _AT[name]]

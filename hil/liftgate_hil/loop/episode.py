@@ -1,4 +1,4 @@
-"""An episode from beginning to end: stretches of machine code, and the reading of the rings between them."""
+"""An episode: the closed loop run in this process by compiled code, which returns to Python to empty its rings."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ FRAMES = 16384
 
 
 class LoopStart(NamedTuple):
-    """Constants, state and stimuli of a loop that is about to run."""
+    """Constants, initial state and stimuli of a loop."""
 
     config: LoopConfig
     state: LoopState
     stimuli: StimulusPlan
 
     def with_own_arrays(self) -> LoopStart:
-        """Return a copy that no loop changes."""
+        """Return a copy with arrays of its own, which no loop changes."""
         return LoopStart(self.config, copied(self.state), copied(self.stimuli))
 
 
@@ -80,31 +80,31 @@ class Episode:
 
     @property
     def state(self) -> LoopState:
-        """The loop's state after the last tick."""
+        """State of the loop after the last tick."""
         return self._now.loop
 
     @property
     def stimuli(self) -> StimulusPlan:
-        """The stimulus plan that the loop uses."""
+        """Stimulus plan that the loop uses."""
         return self._script.stimuli
 
     @property
     def in_flight(self) -> int:
-        """Frames that the ECU has sent and the gate has not received yet."""
+        """Number of frames that the ECU has sent and the gate has not received yet."""
         return int(self._now.pending)
 
     @property
     def ticks(self) -> int:
-        """Plant steps done since the scenario's time 0."""
+        """Number of plant steps done since the scenario's time 0."""
         return int(self._now.loop.tick - self._script.stimuli.origin[0])
 
     @property
     def time(self) -> float:
-        """Model time [s]."""
+        """Model time [s] since the scenario's time 0."""
         return self.ticks * self.config.step
 
     def begin(self) -> None:
-        """Compile, or read the cache, before the run begins."""
+        """Compile the loop's code, or load it from the cache, before the run begins."""
         is_ready_for = getattr(self._run, "is_ready_for", None)  # there is none where the compiler is off
         if is_ready_for and is_ready_for(
             self.config, self._adapter.node, self._now, self._script, self.memory.shared
@@ -114,19 +114,19 @@ class Episode:
         self._run(self.config, self._adapter.node, self._now._replace(has_begun=1), script, self.memory.shared)
 
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run until `ticks` ticks are done. Raises PlantDivergedError, EcuError."""
+        """Run the episode until `ticks` ticks are done in all. Raises PlantDivergedError, EcuError."""
         self.advance(ticks - self.ticks, stopped)
 
     def advance(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run `ticks` more ticks. Raises PlantDivergedError, EcuError."""
+        """Run the episode for `ticks` more ticks. Raises PlantDivergedError, EcuError."""
         self._stretches(self._script._replace(ticks=self.state.tick + ticks), stopped)
 
     def follow(self, stimuli: StimulusPlan) -> None:
-        """Use another stimulus plan from now on."""
+        """Replace the stimulus plan from the next tick on."""
         self._script = self._script._replace(stimuli=stimuli)
 
     def give(self, frames: Sequence[tuple[int, int, bytes]]) -> None:
-        """Let the gate read frames (identifier with flags, length, data) in the next tick, CAPACITY at most.
+        """Have the gate receive frames (identifier with flags, length, data), at most CAPACITY, in the next tick.
 
         They come instead of what the ECU has sent in the last one.
         """
@@ -137,21 +137,21 @@ class Episode:
         self._now = self._now._replace(pending=len(frames))
 
     def finish(self) -> None:
-        """Run one more tick with the motors off, in which every message is sent."""
+        """Run the last tick, with the motors off, in which every message is sent."""
         self._stretches(self._script._replace(ticks=self.state.tick, is_last=1), lambda: False)
 
     def complete(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run until `ticks` ticks are done, and finish. Raises PlantDivergedError, EcuError."""
+        """Run until `ticks` ticks are done, then one with the motors off. Raises PlantDivergedError, EcuError."""
         last = self.state.tick + ticks - self.ticks
         self._stretches(self._script._replace(ticks=last, is_last=1), stopped)
 
     def close(self) -> None:
-        """Release the memory, unless the caller provided it."""
+        """Release the shared memory, unless the caller provided it."""
         if self._owns_memory:
             self.memory.close()
 
     def summary(self, bitrate: float) -> Summary:
-        """Return the figures so far."""
+        """Return the summary of the run so far; the bitrate [bit/s] is for the bus load."""
         seconds = self.time
         load = 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
@@ -180,7 +180,7 @@ class Episode:
                 raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")
 
     def _take(self) -> None:
-        """Hand the contents of the rings to the sinks and the monitor, and empty the rings."""
+        """Pass the rows and frames in the rings to the sinks and the monitor, and empty the rings."""
         control = self.memory.shared.control[0]
         rows = self.memory.shared.rows[: control.rows]
         frames = self.memory.shared.frames[: control.frames]

@@ -21,7 +21,7 @@ BINS = _FINE * _OCTAVES
 
 @compilable
 def bin_of(nanoseconds: int) -> int:
-    """Return the bin of a duration [ns]; a negative one counts as zero."""
+    """Return the index of the bin for a duration [ns]; a negative duration counts as zero."""
     value = max(int(nanoseconds), 0)
     octave = 0
     while value >= 2 * _FINE:
@@ -32,12 +32,12 @@ def bin_of(nanoseconds: int) -> int:
 
 @compilable
 def note(histogram: NDArray[np.int64], nanoseconds: int) -> None:
-    """Count one duration [ns]."""
+    """Count one duration [ns] in its bin of a histogram."""
     histogram[bin_of(nanoseconds)] += 1
 
 
 def upper_end(index: int) -> float:
-    """Return the largest duration [ns] of a bin."""
+    """Return the largest duration [ns] that belongs to a bin."""
     octave = max(index // _FINE - 1, 0)
     return float(((index - octave * _FINE + 1) << octave) - 1)
 
@@ -60,7 +60,7 @@ def bars(histogram: NDArray[np.int64]) -> list[tuple[float, float, int]]:
 
 
 def _lower_end(index: int) -> float:
-    """Return the smallest duration [ns] of a bin."""
+    """Return the smallest duration [ns] that belongs to a bin."""
     return 0.0 if index == 0 else upper_end(index - 1) + 1.0
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class RunStatus(NamedTuple):
-    """The status of a run at a moment."""
+    """Status of a run at one moment, as listeners receive it."""
 
     time_s: float  # model time
     angle_deg: float  # of the gate
@@ -28,65 +28,65 @@ class Listener:
     """
 
     def say(self, text: str) -> None:
-        """Called with events of the link, what is waited for or refused, and what the machine does not grant."""
+        """Called with a message: events of the link, frames awaited or rejected, requests the machine refuses."""
 
     def alarm(self, text: str) -> None:
-        """Called with what nobody may miss: the link lost or back, a recording ended early, a file set aside."""
+        """Called with an urgent message: the link lost or back, a recording ended early, a file set aside."""
         self.say(text)
 
     def starts(self, what: str) -> None:
-        """Called with what is about to run."""
+        """Called with the vehicle and the bus of a run that is about to start, as text."""
 
     def ready(self) -> None:
         """Called when all is compiled and open, before what precedes the scenario."""
 
     def happened(self, time_s: float, text: str) -> None:
-        """Called with an event that the ECU reports."""
+        """Called with an event that the ECU reports, and its time [s]."""
 
     def status(self, status: RunStatus) -> None:
         """Called with the run's status, a few times a second."""
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Called often while a compilation runs, for `seconds` now; the last took `expected` [s], if known."""
+        """Called repeatedly during a compilation, with its duration so far and the last one's, if known [s]."""
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Called when the compilation of `name` has ended, after `seconds`."""
+        """Called when the compilation of `name` has ended, with its duration [s]."""
 
 
 class Relay(Listener):
-    """Listener that passes everything on to another one, which can be replaced during a run."""
+    """Listener that forwards all calls to another listener, which can be replaced during a run."""
 
     def __init__(self, listener: Listener) -> None:
         self.listener = listener
 
     def say(self, text: str) -> None:
-        """Pass on what is said."""
+        """Forward a message."""
         self.listener.say(text)
 
     def alarm(self, text: str) -> None:
-        """Pass on an alarm."""
+        """Forward an urgent message."""
         self.listener.alarm(text)
 
     def starts(self, what: str) -> None:
-        """Pass on what is about to run."""
+        """Forward the start of a run."""
         self.listener.starts(what)
 
     def ready(self) -> None:
-        """Pass on that all is ready."""
+        """Forward that all is compiled and open."""
         self.listener.ready()
 
     def happened(self, time_s: float, text: str) -> None:
-        """Pass on an event of the ECU."""
+        """Forward an event that the ECU reports."""
         self.listener.happened(time_s, text)
 
     def status(self, status: RunStatus) -> None:
-        """Pass on the run's status."""
+        """Forward the run's status."""
         self.listener.status(status)
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Pass on that a compilation runs."""
+        """Forward the progress of a compilation."""
         self.listener.compiles(name, seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Pass on that a compilation has ended."""
+        """Forward the end of a compilation."""
         self.listener.compiled(name, seconds)

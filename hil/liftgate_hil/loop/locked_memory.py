@@ -20,7 +20,7 @@ _HOW = "ulimit -l unlimited (memlock in /etc/security/limits.conf), or CAP_IPC_L
 
 
 def lock_memory() -> str:
-    """Lock the memory that this process has touched, and what it will touch, as far as it may.
+    """Lock the memory that this process has touched or will touch, as far as its limits permit.
 
     Below a limit of the process what it maps later is not locked: there its next allocation would fail at the
     limit. Returns why it was refused, or an empty string.
@@ -56,20 +56,20 @@ def short_of_memory(root: Path = ROOT) -> str:
 
 
 def _is_limited() -> bool:
-    """Whether the process may not lock any amount of memory."""
+    """Whether the amount of memory that this process may lock is limited."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return False
     return not has_capability(ROOT, CAP_IPC_LOCK)
 
 
 def has_capability(root: Path, bit: int) -> bool:
-    """Whether this process has a capability."""
+    """Whether this process has the Linux capability with the number `bit`."""
     held = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(root / "proc/self/status"), re.MULTILINE)
     return held is not None and bool(int(held[1], 16) >> bit & 1)
 
 
 def _left_in_groups(root: Path) -> Iterator[int]:
-    """Yield what each limiting control group of this process has left [bytes], unused pages of files included."""
+    """Yield the free memory [bytes] of each limiting control group of this process, with unused file pages."""
     groups = re.findall(r"^(\d+):(.*?):(.*)$", _read(root / "proc/self/cgroup"), re.MULTILINE)
     for number, controllers, path in groups:
         if number == "0":  # version 2

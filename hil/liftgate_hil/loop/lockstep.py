@@ -21,7 +21,7 @@ _MOST = 1 << 16  # frames that may wait for a command
 
 
 class Lockstep(NamedTuple):
-    """Settings of lockstep."""
+    """Settings of a lockstep run."""
 
     command: int  # identifier of the frame that ends a command
     ticks_per_command: int
@@ -30,7 +30,7 @@ class Lockstep(NamedTuple):
 
 
 def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
+    """Advance a loop by one command period for each command frame received. Raises OverrunError.
 
     What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would
     lag permanently. An ECU that had already sent commands may wait for an answer: the first period is without a
@@ -69,7 +69,7 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
 
 
 def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
-    """Read the frames that are there, so that nothing queues up behind frames of others."""
+    """Read all frames that the transport has received, so that the command does not queue up behind others."""
     for _ in range(_READS):
         frames = transport.receive(timeout=timeout)
         if not frames.count:
@@ -79,7 +79,7 @@ def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
 
 
 class Waiting:
-    """Frames that have come and wait for their tick: each command with all frames before it."""
+    """Queue of received frames that wait for their tick: each command with all frames before it."""
 
     def __init__(self, command: int) -> None:
         self.commands: deque[Frames] = deque()
@@ -89,7 +89,7 @@ class Waiting:
         self._count = 0
 
     def add(self, frames: Frames) -> None:
-        """Add frames in the order in which they came."""
+        """Append frames in the order in which they were received."""
         start = 0
         is_command = frames.identifiers[: frames.count] & ~FD_FLAGS == self._command
         for row in np.flatnonzero(is_command).tolist():
@@ -108,7 +108,7 @@ class Waiting:
 
 
 def joined(pieces: Sequence[Frames]) -> Frames:
-    """Return frames joined one after the other."""
+    """Return one batch with the frames of several batches, in order."""
     return Frames(
         sum(piece.count for piece in pieces),
         np.concatenate([piece.identifiers for piece in pieces]),

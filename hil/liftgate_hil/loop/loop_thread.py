@@ -1,4 +1,4 @@
-"""Threads that run loops, of any process of this machine, and the CPUs that they are on."""
+"""Threads that run the loops of this machine's benches, in any process, and the CPUs that they are on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LoopThread:
         self._thread: int | None = None  # its native id, once it is found
 
     def cpu(self) -> int | None:
-        """Return the CPU on which it ran last; None: there is none, or it is another user's."""
+        """Return the CPU on which the thread ran last; None: there is no such thread, or it is another user's."""
         known = [] if self._thread is None else [self._thread]
         for thread in (*known, *threads_of(self.pid)):
             if (status := _status_of(self.pid, thread)) is not None:
@@ -32,7 +32,7 @@ class LoopThread:
 
 
 def cpus_of_earlier_loops() -> set[int]:
-    """Return the CPUs of the loops that began before that of the calling thread; of all, if it runs none."""
+    """Return the CPUs of the loops that began before the calling thread's loop; of all loops, if it runs none."""
     me = _status_of("self", threading.get_native_id())
     return {each.cpu for each in _loops() if me is None or (each.began, each.thread) < (me.began, me.thread)}
 
@@ -51,7 +51,7 @@ def _loops() -> Iterator[_Status]:
 
 
 def _status_of(pid: int | str, thread: int) -> _Status | None:
-    """Return the status of a loop's thread; None: it has ended, or is not named as a loop's."""
+    """Return the status of a loop's thread; None: the thread has ended, or does not have a loop thread's name."""
     with contextlib.suppress(OSError, ValueError, IndexError):
         stat = Path(f"/proc/{pid}/task/{thread}/stat").read_text()
         name, rest = stat.split("(", 1)[1].rsplit(")", 1)
@@ -62,7 +62,7 @@ def _status_of(pid: int | str, thread: int) -> _Status | None:
 
 
 def threads_of(pid: int | str) -> set[int]:
-    """Return the native ids of a process's threads; none: it has ended."""
+    """Return the native ids of a process's threads; an empty set: the process has ended."""
     with contextlib.suppress(OSError):
         return {int(each.name) for each in Path(f"/proc/{pid}/task").iterdir()}
     return set()

@@ -1,4 +1,4 @@
-"""What observes a running loop: sinks of rows and frames, and observers that act."""
+"""Interfaces of sinks, which receive a run's rows and frames, and of observers, which act beside its loop."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from liftgate_hil.signals import COLUMN_PLACE
 
 
 class Sink(Protocol):
-    """A receiver of what happened in a run, a block at a time."""
+    """Receiver of a run's rows and frames, a block at a time."""
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Take rows (n, ROW_WIDTH) of signals.COLUMNS and frames (m,) LOGGED, valid until this returns."""
+        """Receive rows (n, ROW_WIDTH) of signals.COLUMNS and frames (m,) LOGGED, valid until this returns."""
 
 
 class Observer(Protocol):
-    """An observer beside the loop: it does what frames or its stimuli ask for and machine code does not do."""
+    """Observer beside a running loop, which acts on frames and stimuli where compiled code cannot."""
 
     def look(self, frames: Any, now: float) -> None:
-        """Do what is due by a time [s] of the scenario; frames (n,) LOGGED have come since the last call."""
+        """Act on frames (n,) LOGGED received since the last call, and on what is due at a scenario time [s]."""
 
 
 class Extremes:
-    """Sink that keeps each column's extremes, and the time of the largest pinch force."""
+    """Sink that keeps each column's minimum and maximum, and the time of the largest pinch force."""
 
     def __init__(self) -> None:
         self.high: NDArray[np.float64] | None = None

@@ -36,7 +36,7 @@ _STANDS = {  # below these limits it stands
 
 
 class StandstillDetector:
-    """Detects that a requested motion is over: all has stood for a while, and has had time to begin."""
+    """Detects the end of a requested motion: standstill for a hold time, after enough time for it to begin."""
 
     def __init__(self, step: float) -> None:
         self._limits = [(COLUMN_PLACE[name], limit) for name, limit in _STANDS.items()]
@@ -44,7 +44,7 @@ class StandstillDetector:
         self._stood = self._seen = 0  # rows
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Update how long all has stood, by rows (n, ROW_WIDTH)."""
+        """Update the time without motion from rows (n, ROW_WIDTH)."""
         moves = np.zeros(len(rows), dtype=np.bool_)
         for at, limit in self._limits:
             moves |= abs(rows[:, at]) > limit
@@ -53,7 +53,7 @@ class StandstillDetector:
         self._seen += len(rows)
 
     def is_over(self) -> bool:
-        """Whether the motion is over, by the rows so far."""
+        """Whether the requested motion has ended, by the rows so far."""
         return self._stood >= self._enough and self._seen >= 3 * self._enough
 
 
@@ -64,7 +64,7 @@ def after_precondition(
     stopped: Callable[[], bool] = lambda: False,
     guard: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> LoopStart:
-    """Return the loop after a sequence of requests, each made when the motion of the last one is over.
+    """Run requests, each once the motion of the last one has ended; return the loop as it is after them.
 
     Its stimuli, which are those of `start`, begin there. The ECU runs within a `guard`. Raises PreconditionError,
     EcuError, PlantDivergedError.

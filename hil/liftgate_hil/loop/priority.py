@@ -1,4 +1,4 @@
-"""Requests of a run in real time to the machine, and what it refuses, with how to get that."""
+"""Requests of a real-time run to the machine (scheduling, CPU, locked memory), and those that it refuses."""
 
 from __future__ import annotations
 
@@ -68,19 +68,19 @@ class Realtime:
             self._refuse(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
 
     def reported(self) -> list[str]:
-        """Return what was refused as messages: each in full where the user has asked, else all in one line."""
+        """Return messages on the refused requests: each in full where the user has asked, else all in one line."""
         if self.has_asked:
             return [f"refused: {each}" for each in self.refused]
         return [in_one_line([each.partition(":")[0] for each in self.refused])] if self.refused else []
 
     def _refuse(self, what: str) -> None:
-        """Note what was refused, once: several threads enter, one after the other."""
+        """Add a request to the refused ones, once: several threads enter, one after the other."""
         if what and what not in self.refused:
             self.refused.append(what)
 
     @contextlib.contextmanager
     def beside(self, threads: Sequence[int] = ()) -> Iterator[None]:
-        """Let the calling thread and `threads` (native ids) go before all others but the loop.
+        """Context in which the calling thread and `threads` (native ids) have priority over all but the loop.
 
         An ECU in this process answers from the calling thread, and `threads` carry frames. Afterwards they have
         the policies and priorities that they had before. What is refused is reported by `enter`.
@@ -101,7 +101,7 @@ class Realtime:
                     give_back(policy, parameters, thread)
 
     def release(self) -> None:
-        """Undo what `prepare` has done."""
+        """Undo `prepare`: unfreeze the objects, unlock the memory, and permit deep sleep."""
         if self._has_frozen:
             gc.unfreeze()
             self._has_frozen = False
@@ -122,7 +122,7 @@ class Realtime:
 
 
 def in_one_line(refused: Sequence[str]) -> str:
-    """Return what `refused_here` has found, as a message."""
+    """Return the refused requests that `refused_here` returns, as a one-line message."""
     what = " and ".join(refused)
     return f"refused: {what}: other programs can delay this one; liftgate-hil doctor says how to get it"
 
@@ -154,7 +154,7 @@ def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
 
 @contextlib.contextmanager
 def going_first(priority: int) -> Iterator[str]:
-    """Let the calling thread go before others, but not its children: with FIFO scheduling, and sharp sleeps.
+    """Context in which the calling thread, but not its children, has FIFO scheduling and wakes up on time.
 
     Yields why FIFO scheduling was refused, or an empty string. Afterwards the thread is scheduled as before.
     """
@@ -191,7 +191,7 @@ def wake_sharply() -> None:
 
 
 def prepare_thread(realtime: Realtime | None) -> None:
-    """Prepare the calling thread for a loop on a fixed step: with `realtime` as that asks for, else on its CPU.
+    """Prepare the calling thread for a loop at a fixed step: as `realtime` requests, else only bound to a CPU.
 
     Unbound, the kernel moves a thread that wakes up while its CPU is busy to another one, where it meets all that
     keeps off its own: clients of the page, for example. docs/real-time.md has the figures. A CPU to which another
@@ -212,7 +212,7 @@ def stay_on_cpu() -> None:
 
 
 def refused_here() -> list[str]:
-    """Return what this machine refuses to a run in real time: FIFO scheduling, locked memory, or nothing."""
+    """Return the real-time requests that this machine refuses: FIFO scheduling, locked memory, or none."""
     found = [] if has_fifo() else [FIFO]
     if lock_memory():
         found.append("locked memory")
@@ -250,7 +250,7 @@ def best_cpu() -> int:
 
 
 def cpus_of(text: str) -> list[int]:
-    """Return the numbers in a list such as 2-3,6."""
+    """Return the CPU numbers in a list such as 2-3,6."""
     cpus: list[int] = []
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")

@@ -32,7 +32,7 @@ _ANGLE, _LEFT, _RIGHT = (COLUMN_PLACE[name] for name in ("gate_angle_deg", "left
 
 
 class Moment(NamedTuple):
-    """State of a loop at a moment, as the progress monitor needs it."""
+    """State of a loop at one moment, as the progress monitor needs it."""
 
     tick: int  # since the scenario's time 0
     row: Any  # (ROW_WIDTH,) of the last tick
@@ -42,7 +42,7 @@ class Moment(NamedTuple):
 
 
 class ProgressMonitor:
-    """Reports on a loop by its `reception`, which the loop writes in place.
+    """Reports a running loop's progress from its `reception`, which the loop writes in place.
 
     `events` returns what the ECU in this process has reported after the first so many events. The scenario's time
     0 is `ticks_before` ticks after the loop's. `apart` says how to keep the bus apart from another bench's,
@@ -90,7 +90,7 @@ class ProgressMonitor:
         self._is_failure_reported = False
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
-        """Report what is new; most calls come too soon, and cost nothing."""
+        """Report what is new since the last report; calls before the next report is due return at once."""
         now = self._clock()
         if now < self._next and not is_last:
             return
@@ -115,7 +115,7 @@ class ProgressMonitor:
             self._listener.status(self._status(moment))
 
     def _look_for_another(self, time_s: float) -> None:
-        """Report another gate on the bus once one of the foreign frames is one that this gate sends."""
+        """Report once that another gate is on the bus: a foreign frame was received that this gate sends."""
         if self._has_reported_another or not self._reception.refusals[FOREIGN].count:
             return
         seen = self._reception.foreign
@@ -129,14 +129,14 @@ class ProgressMonitor:
                 return
 
     def _look_for_gaps(self, time_s: float) -> None:
-        """Report once that many frames of the command are missing by their counter; some may be refused ones."""
+        """Report once that many command frames are missing by their counter; some may be rejected frames."""
         missing, cycles = missing_of(self._reception, self._row)
         if not self._has_reported_gaps and cycles > _MANY and missing > _MISSING * cycles:
             self._has_reported_gaps = True
             self._listener.say(f"{time_s:.3f} s: {gaps_text(missing, cycles, self._command)}")
 
     def _look_at_command(self, time_s: float, now: float) -> None:
-        """Report when the command arrives or times out and, where it is missing for long, what is waited for."""
+        """Report when the command arrives or times out and, if missing for long, which message is awaited."""
         if self._reception.seen_ns[self._row] >= 0:
             if self._is_waiting:
                 self._listener.say(f"{time_s:.3f} s: {self._command} received")
@@ -156,7 +156,7 @@ class ProgressMonitor:
                 self._has_named_foreign = True
 
     def _look_at_sending(self, time_s: float, now: float, link: LinkCounts) -> None:
-        """Report when frames cannot be sent, other than by a link that is lost, and when they are sent again."""
+        """Report when frames cannot be sent, other than because of a lost link, and when sending works again."""
         before, self._link = self._link, link
         if link.send_failures > before.send_failures:
             self._failed = now
@@ -177,7 +177,7 @@ class ProgressMonitor:
             self._sent_until = None
 
     def _foreign(self) -> str:
-        """Return a text on the first foreign frame; "": there is none but those of a test bench."""
+        """Return a text on the first foreign frame; "": there is none, or only those of a test bench."""
         first = self._texts.first_foreign(self._reception.refusals)
         if not first or self._has_reported_another:
             return ""

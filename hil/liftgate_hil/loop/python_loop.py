@@ -25,21 +25,21 @@ _DIVERGED = ("time_s", "gate_angle_deg", "left_current_a")  # reported where the
 
 
 class PeerNode(Protocol):
-    """A node at the other end of an in-process bus, which gets a turn after every tick."""
+    """Node at the other end of an in-process bus, which gets a turn after every tick."""
 
     @property
     def is_ours(self) -> bool:
-        """Whether it is the reference ECU: where that is late, the bench is; an ECU under test is judged."""
+        """Whether this is the reference ECU, whose delays count as the bench's, unlike a tested ECU's."""
 
     @property
     def dropped(self) -> int:
-        """Frames for it that were dropped before it could read them."""
+        """Number of frames for this node that were dropped before it could read them."""
 
     def poll(self, now_ns: int) -> None:
-        """Take a turn at a model time [ns]: receive the frames that have arrived, send own ones."""
+        """Take a turn at a model time [ns]: receive the frames that have arrived, and send frames."""
 
     def request(self, action: str) -> bool:
-        """Have the driver request open, close, stop or reset at the peer's next turn.
+        """Have the driver request open, close, stop or reset at this node's next turn.
 
         Returns False where that cannot be requested here.
         """
@@ -55,7 +55,7 @@ def scheduled_tick(
     frames_dropped: float,
     is_stop: bool,
 ) -> tuple[LoopState, Frames, Frames, bool]:
-    """Make a tick with its stimuli, as `advance` does; its row goes to `row` (1, ROW_WIDTH).
+    """Make one tick with its stimuli, as `advance` does, and write its values to `row` (1, ROW_WIDTH).
 
     Returns the state, the frames that the gate received, those that it sends, and whether the plant is still
     sound.
@@ -71,7 +71,7 @@ def scheduled_tick(
 
 @dataclass
 class Loop:
-    """A loop about to run; `state` advances with it."""
+    """The Python loop: runs ticks of `state` with a transport, peers, sinks and observers."""
 
     config: LoopConfig
     state: LoopState
@@ -95,7 +95,7 @@ class Loop:
         self._tick = compiled(scheduled_tick)
 
     def begin(self, is_first: bool = False) -> None:
-        """Compile, or read the cache, before time counts; then the peers may send.
+        """Compile the loop's code, or load it from the cache, before time counts; then let the peers send.
 
         Where this loop `is_first` on a transport that others write to, what has come before is dropped.
         """
@@ -110,13 +110,13 @@ class Loop:
             peer.poll(0)
 
     def advance(self, frames: Frames) -> None:
-        """Make a tick that receives the frames. Raises PlantDivergedError."""
+        """Run one tick, in which the gate receives the frames. Raises PlantDivergedError."""
         self._step(frames, is_stop=False)
         for peer in self.peers:
             peer.poll(self.state.tick * self.config.step_ns)
 
     def advance_by(self, frames: Frames, ticks: int) -> None:
-        """Make `ticks` ticks; the first receives the frames. Raises PlantDivergedError."""
+        """Run `ticks` ticks; the gate receives the frames in the first. Raises PlantDivergedError."""
         for _ in range(ticks):
             self.advance(frames)
             frames = empty_frames(0)
@@ -149,17 +149,17 @@ class Loop:
         return self._tick(self.config, state, frames, stimuli, row, dropped, is_stop)
 
     def _lost(self) -> int:
-        """Return how many frames were dropped before the transport, or a peer, could read them."""
+        """Return the number of frames that were dropped before the transport, or a peer, could read them."""
         return self.transport.counts().dropped + sum(each.dropped for each in self.peers)
 
     @property
     def ticks(self) -> int:
-        """Plant steps done since the scenario's time 0."""
+        """Number of plant steps done since the scenario's time 0."""
         return int(self.state.tick - self.stimuli.origin[0])
 
     @property
     def time(self) -> float:
-        """Model time [s]."""
+        """Model time [s] since the scenario's time 0."""
         return self.ticks * self.config.step
 
     def finish(self) -> None:
@@ -167,7 +167,7 @@ class Loop:
         self._step(empty_frames(0), is_stop=True)
 
     def summary(self, clock: str) -> Summary:
-        """Return the figures so far."""
+        """Return the summary of the run so far, with the name of its clock."""
         seconds = self.time
         link = self.transport.counts()
         return Summary(
@@ -186,6 +186,6 @@ class Loop:
 
 
 def run_free(loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Run as fast as possible for `ticks` ticks (None: until stopped)."""
+    """Run a loop as fast as possible for `ticks` ticks (None: until stopped)."""
     while not stopped() and (ticks is None or loop.ticks < ticks):
         loop.advance(loop.transport.receive())

@@ -81,7 +81,7 @@ class Wired(Protocol):
 
 
 class Room(NamedTuple):
-    """Working memory of the loop."""
+    """Working memory of the real-time loop."""
 
     reading: Buffers
     writing: Buffers
@@ -98,7 +98,7 @@ class Room(NamedTuple):
 
 
 def make_room() -> Room:
-    """Return working memory for the frames of a tick."""
+    """Allocate the real-time loop's working memory for the frames of a tick."""
     frames = empty_frames(CAPACITY)
     return Room(
         make_buffers(),
@@ -137,7 +137,7 @@ def wait_until(deadline_ns: int, room: Room) -> int:
 
 @compilable
 def send(shared: Shared, params: Wired, room: Room, replies: Frames, patience: int) -> int:
-    """Send frames and count them; return how many the wire did not accept, see `write_frames`."""
+    """Send frames and count them; return the number that the wire did not accept, see `write_frames`."""
     written = write_frames(params.descriptor, room.writing, replies, patience)
     control = shared.control[0]
     control.sent += written.sent
@@ -151,7 +151,7 @@ def send(shared: Shared, params: Wired, room: Room, replies: Frames, patience: i
 
 @compilable
 def note_errors(shared: Shared, frames: Frames) -> None:
-    """Track whether the controller is bus-off.
+    """Track whether the CAN controller is bus-off, from the frames received.
 
     Its error frames report bus-off; it is on the bus again when it restarts or other frames are received.
     """
@@ -167,7 +167,7 @@ def note_errors(shared: Shared, frames: Frames) -> None:
 
 @compilable
 def receive(shared: Shared, params: Wired, room: Room) -> Frames:
-    """Return the frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
+    """Return the frames received since the last call; their arrivals (monotonic clock) go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(params.descriptor, room.reading, frames, room.stamps)
     now_ns = clock_ns(_MONOTONIC, room)
@@ -199,7 +199,7 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
 
 @compilable
 def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
-    """Return the end of the frames from `first` on that have arrived by a time on the monotonic clock."""
+    """Return the end index of the frames from `first` on that have arrived by a time on the monotonic clock."""
     last = first
     while last < count and room.stamps[last] <= time_ns:
         last += 1
@@ -208,7 +208,7 @@ def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
 
 @compilable
 def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int) -> Frames:
-    """Return the frames of `room` from `first` to before `last`, for a tick at a time on the monotonic clock.
+    """Return the received frames `first` to `last` - 1 in `room`, for a tick at a time on the monotonic clock.
 
     Their arrivals go to `room.given_stamps`, time 0 for those that came before; stale frames are left out and
     counted.
@@ -230,7 +230,7 @@ def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int
 
 @compilable
 def wait_for_ticks(config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int) -> bool:
-    """Wait until the tick after the first `done` is due, and receive the frames that have come meanwhile.
+    """Wait until the tick after `done` ticks is due, and receive the frames that arrive meanwhile.
 
     Returns False if the loop has fallen too far behind.
     """
@@ -277,7 +277,7 @@ def frames_for_tick(config: LoopConfig, state: LoopState, params: RunParams, sha
 def note_given(
     config: LoopConfig, before: LoopState, after: LoopState, room: Room, given: Frames, command: int
 ) -> None:
-    """Note when the frames of a tick had arrived: for the messages' time-outs, and for the delay of a command."""
+    """Record the arrival times of a tick's frames: for the messages' time-outs, and for the delay of a command."""
     pace = room.pace[0]
     if given.count > 0:
         previous_ns, now_ns = pace.due_ns - config.step_ns, before.tick * config.step_ns
@@ -288,7 +288,7 @@ def note_given(
 
 @compilable
 def send_replies(shared: Shared, params: RunParams, room: Room, replies: Frames, stopping: bool) -> None:
-    """Send the frames of a tick, and note how long the command that they answer has waited."""
+    """Send a tick's frames, and record the delay of the command that they answer."""
     pace, unsent = room.pace[0], 0
     if replies.count > 0:
         unsent = send(shared, params, room, replies, _LAST_PATIENCE if stopping else 0)
@@ -304,7 +304,7 @@ def send_replies(shared: Shared, params: RunParams, room: Room, replies: Frames,
 def run_realtime(
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
-    """Tick until stopped or done, and with `is_last` once more with the motors off, when every message is sent.
+    """Run ticks until stopped or done; with `is_last` one more with the motors off, which sends every message.
 
     Ticks that were missed are made up for at once, each with its row, and send nothing. Each tick gets the frames
     that had arrived by its own time, so that the gate moves as if none had been missed. Returns the state, and

@@ -46,19 +46,19 @@ _FULL_BUS = 12_000  # frames/s, more than 1 Mbit/s can carry with 8 bytes each
 
 
 def memory_for(rate: float) -> Memory:
-    """Return rings that hold a few seconds."""
+    """Return shared memory whose rings hold a few seconds, at a rate of rows [1/s]."""
     return Memory(int(_HISTORY * rate) + 64, int(_HISTORY * _FULL_BUS))
 
 
 def feedback_identifiers(rig: Rig) -> list[int]:
-    """Return the identifiers of the messages with a motor current, else of all: they show a command's effect."""
+    """Return the identifiers of the messages that show a command's effect: with a motor current, else all."""
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
 
 
 class _Turns:
-    """Gives a peer its turns, and tells the loop this thread's delay, without the time of a foreign ECU's code."""
+    """Gives a peer its turns, and reports this thread's delay to the loop, without a tested ECU's own time."""
 
     def __init__(self, peer: PeerNode, control: Any) -> None:
         self._peer, self._control = peer, control
@@ -114,7 +114,7 @@ class RealtimeRun:
     _entered: threading.Event = field(default_factory=threading.Event)
 
     def begin(self) -> None:
-        """Compile, or read the cache, before time counts."""
+        """Compile the loop's code, or load it from the cache, before time counts."""
         self._run = compiled(realtime_loop.run_realtime)
         nowhere = self._course(0)._replace(descriptor=-1, stimuli=copied(self.stimuli))
         scratch = Memory(1, 1)  # the recorder already looks at the real one
@@ -126,7 +126,7 @@ class RealtimeRun:
             gc.collect()  # here, not during a peer's turns
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run to the end. Raises OverrunError, PlantDivergedError.
+        """Run for `ticks` ticks (None: until stopped). Raises OverrunError, PlantDivergedError.
 
         Where nothing has run on the line yet, what has come before is dropped, and the peers send first.
         """
@@ -166,16 +166,16 @@ class RealtimeRun:
 
     @property
     def _ticks(self) -> int:
-        """Plant steps done since the scenario's time 0."""
+        """Number of plant steps done since the scenario's time 0."""
         return int(self.state.tick - self.stimuli.origin[0])
 
     def timing(self) -> LoopTiming:
-        """Return how well the run has kept time so far."""
+        """Return the loop's timing figures so far: lateness, execution time and delay."""
         rows = self.memory.shared.histograms
         return LoopTiming(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
     def _link(self) -> LinkCounts:
-        """Return the counts of errors on the way to or from the wire: the loop's, and the line's own."""
+        """Return the counts of errors in sending and receiving: those of the loop and those of the line."""
         control, line = self.memory.shared.control[0], self.line.counts()
         return line._replace(
             send_failures=int(control.unsent) + line.send_failures,
@@ -186,7 +186,7 @@ class RealtimeRun:
         )
 
     def _dropped(self) -> int:
-        """Return how many frames were dropped in this run: on the way to the loop, or to an ECU in this process.
+        """Return the number of frames dropped in this run: on the way to the loop, or to an ECU in this process.
 
         The loop has those that came before a frame that it has read, the line all.
         """
@@ -199,11 +199,11 @@ class RealtimeRun:
         return sum(each.dropped for each in self.peers)
 
     def _sent(self) -> int:
-        """Return how many frames were sent: those that the loop gave to the line, less its failures."""
+        """Return the number of frames sent: those that the loop gave to the line, less its failures."""
         return int(self.memory.shared.control[0].sent) - self.line.counts().send_failures
 
     def summary(self) -> Summary:
-        """Return the figures so far."""
+        """Return the summary of the run so far."""
         control = self.memory.shared.control[0]
         seconds = self._ticks * self.config.step
         load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0

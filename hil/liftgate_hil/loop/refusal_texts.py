@@ -1,4 +1,4 @@
-"""Texts on frames that a gate refuses, or does not receive: the first one for each cause, with what is wrong."""
+"""Texts on frames that a gate rejects, or does not receive: the first one for each cause, with what is wrong."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def identifier_text(identifier: int) -> str:
 
 
 def missing_of(reception: Reception, row: int) -> tuple[int, int]:
-    """Return how many frames of a received message are missing by its counter, and its cycles so far."""
+    """Return the numbers of a message's frames that are missing by its counter, and of its cycles so far."""
     return int(reception.lost[row]), int(reception.cycles[row])
 
 
@@ -47,7 +47,7 @@ def gaps_text(missing: int, cycles: int, name: str) -> str:
 
 
 class RefusalTexts:
-    """Texts on the frames that a loop has refused; the scenario's time 0 is at `began_s` of the loop's time.
+    """Texts on the frames that a loop has rejected; the scenario's time 0 is at `began_s` of the loop's time.
 
     `is_bus`: others than the ECU may send on the wire, too.
     """
@@ -59,11 +59,11 @@ class RefusalTexts:
         self.sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}  # names by identifier
 
     def awaited(self) -> str:
-        """Return the command message with its identifier."""
+        """Return the name and the identifier of the command message, as text."""
         return f"{self._rig.command_message()} ({identifier_text(self._rig.command_identifier())})"
 
     def tell(self, summary: Summary, reception: Reception) -> None:
-        """Fill in what a run's summary has on refused and on missing frames."""
+        """Fill in a run summary's fields on rejected and missing frames."""
         refusals = reception.refusals
         summary.commands_missing, summary.command_cycles = missing_of(reception, self.command_row)
         summary.first_refused = [self.of_first(refusals, cause) for cause in REFUSED if refusals[cause].count]
@@ -72,7 +72,7 @@ class RefusalTexts:
         summary.fd_frames, summary.first_fd_frame = int(refusals[FD_FRAME].count), self._first_fd_frame(refusals)
 
     def first_foreign(self, refusals: Any) -> str:
-        """Return the first identifier that the rig does not receive; "": none, or that of a test bench."""
+        """Return as text the first identifier that the rig does not receive; "": none, or that of a test bench."""
         others = refusals[FOREIGN]
         if not others.count or int(others.found) in self._rig.ordering:
             return ""
@@ -95,11 +95,11 @@ class RefusalTexts:
         return f"{f'{names[0]} ({text})' if names else text} {when}"
 
     def _time_of(self, refusal: Any) -> float:
-        """Return the time [s] of a frame, from the scenario's time 0 on."""
+        """Return the time [s] of a rejected frame, from the scenario's time 0 on."""
         return float(refusal.time_ns * 1e-9 - self._began_s)
 
     def of_first(self, refusals: Any, cause: int) -> str:
-        """Return a text on the first frame that was refused for a cause."""
+        """Return a text on the first frame that was rejected for a cause."""
         refusal = refusals[cause]
         name = self._message_name(int(refusal.message))
         time_s = self._time_of(refusal)

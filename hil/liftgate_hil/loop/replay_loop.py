@@ -41,7 +41,7 @@ POSITION = np.dtype(
 
 
 class Schedule(NamedTuple):
-    """The ring of the frames to replay."""
+    """Ring of the frames to replay, with their due times."""
 
     position: Any  # (1,) POSITION
     due: NDArray[np.int64]  # (n,) ns since the beginning, never decreasing
@@ -60,7 +60,7 @@ class PlayParams(NamedTuple):
 
 
 def empty_schedule(places: int = PLACES) -> Schedule:
-    """Return an empty ring with room for `places` frames."""
+    """Allocate an empty ring with room for `places` frames to replay."""
     frames = empty_frames(places)
     return Schedule(
         np.zeros(1, dtype=POSITION).view(np.recarray),
@@ -95,7 +95,7 @@ def put(schedule: Schedule, due: NDArray[np.int64], frames: NDArray[np.void]) ->
 
 @compilable
 def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
-    """Return how many of the next frames, contiguous in the ring, are due by a time."""
+    """Return the number of next frames, contiguous in the ring and at most `most`, that are due by a time."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     most = min(most, len(schedule.due) - first)
@@ -107,7 +107,7 @@ def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
 
 @compilable
 def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int) -> None:
-    """Send the next frames, and note how late they are: from when each was due until it was accepted."""
+    """Send the next `count` frames, and record how late each was accepted."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     end = first + count
@@ -158,7 +158,7 @@ def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> 
 
 
 def params_for(descriptor: int, is_kernels: bool) -> PlayParams:
-    """Return the parameters for a wire: the kernel's own, or one behind a pump.
+    """Return the replay parameters for a wire: a socket of the kernel's CAN, or one behind a pump thread.
 
     The kernel's takes many frames at once; one behind a pump takes one after the other, so that it is known for
     each whether it was accepted. The loop waits for the kernel's queue up to 20 ms, since that stays full where

@@ -57,7 +57,7 @@ _F_SEAL_FUTURE_WRITE = 0x10  # linux/fcntl.h, since Linux 5.1
 
 
 class Shared(NamedTuple):
-    """The shared memory as arrays, as the loop uses it."""
+    """Shared memory as arrays: the control words, the rings of rows and frames, and the timing histograms."""
 
     control: Any  # (1,) CONTROL
     rows: NDArray[np.float64]  # (rows, ROW_WIDTH): true and sensed values
@@ -67,7 +67,7 @@ class Shared(NamedTuple):
 
 @compilable
 def count_bits(shared: Shared, frames: Frames) -> None:
-    """Add frames to the bits that the bus has carried."""
+    """Add the bits of frames to the number of bits that the bus has carried."""
     bits = 0
     for i in range(frames.count):
         bits += bits_of(frames.identifiers[i], int(frames.lengths[i]))
@@ -76,7 +76,7 @@ def count_bits(shared: Shared, frames: Frames) -> None:
 
 @compilable
 def note_frame(shared: Shared, frames: Frames, i: int, time_ns: int, is_sent: int) -> None:
-    """Put a frame into the ring without advancing the ring's count."""
+    """Write the `i`-th of `frames` to the ring without advancing the ring's count."""
     ring = shared.frames
     row = ring[(shared.control[0].frames + i) % len(ring)]
     length = int(frames.lengths[i])
@@ -90,7 +90,7 @@ def note_frame(shared: Shared, frames: Frames, i: int, time_ns: int, is_sent: in
 
 @compilable
 def note_frames(shared: Shared, frames: Frames, time_ns: int, is_sent: int) -> None:
-    """Put frames into the ring, all of one time [ns] since the start; `is_sent` 1: sent by the gate."""
+    """Write frames to the ring, all with one time [ns] since the start; `is_sent` 1: sent by the gate."""
     for i in range(frames.count):
         note_frame(shared, frames, i, time_ns, is_sent)
     shared.control[0].frames += frames.count
@@ -98,7 +98,7 @@ def note_frames(shared: Shared, frames: Frames, time_ns: int, is_sent: int) -> N
 
 @compilable
 def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int) -> None:
-    """Put frames that the gate received into the ring; `stamps` and start are on the monotonic clock [ns]."""
+    """Write frames that the gate received to the ring; `stamps` and start are on the monotonic clock [ns]."""
     for i in range(frames.count):
         note_frame(shared, frames, i, int(stamps[i] - start_ns), 0)
     shared.control[0].received += frames.count
@@ -107,7 +107,7 @@ def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], sta
 
 @compilable
 def next_row(shared: Shared) -> int:
-    """Return the place in the ring of the next tick's row, which counts once `control.rows` says so."""
+    """Return the index in the ring of the next tick's row, which readers see once `control.rows` includes it."""
     return int(shared.control[0].rows % len(shared.rows))
 
 
@@ -149,17 +149,17 @@ class Memory:
         self.shared = Shared(*arrays)
 
     def touch(self) -> None:
-        """Let the kernel provide the memory of both rings, before anything is written to them."""
+        """Have the kernel allocate the memory of both rings, before anything is written to them."""
         for each in (self.shared.rows, self.shared.frames):
             each.view(np.uint8).fill(0)
 
     def close(self) -> None:
-        """Close the descriptor; the memory is released with the last array that shows it."""
+        """Close the file descriptor; the memory is released with the last array that refers to it."""
         os.close(self.descriptor)
 
 
 def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
-    """Map the file's first bytes; the buffer is unmapped with the last array that shows it. Raises OSError.
+    """Map a file's first `size` bytes; the buffer is unmapped with the last array that uses it. Raises OSError.
 
     Unlike a buffer of Python's mmap it holds no descriptor of its own.
     """
@@ -180,7 +180,7 @@ def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
 
 
 class RingSink:
-    """A sink that writes what a Python loop has done into a memory while somebody looks at it.
+    """Sink that writes a Python loop's rows and frames to shared memory while a client watches.
 
     The real-time loop does that by itself.
     """
@@ -190,7 +190,7 @@ class RingSink:
         self._ticks = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Write rows and frames into the rings; while nobody looks, only count the ticks."""
+        """Write rows and frames to the rings; while no client watches, only count the ticks."""
         self._ticks += len(rows)
         if not self._is_looked_at():
             return
@@ -209,7 +209,7 @@ class RingSink:
 
 
 class RingReader:
-    """Reads a ring's rows in order, each once; counts those that were overwritten before they were read.
+    """Reader of a ring's rows in order, each once; counts rows that were overwritten before they were read.
 
     `batch` is how many rows the writer writes, at most, before its count includes them.
     """
@@ -224,7 +224,7 @@ class RingReader:
         self.lost = 0
 
     def take(self, most: int | None = None) -> Any:
-        """Return copies of the rows that have come since the last call; with `most` up to that row only."""
+        """Return copies of the rows written since the last call; with `most` up to that row only."""
         capacity = len(self._rows)
         head = int(self._control[self._head][0])
         for limit in (self.end, most):
@@ -239,12 +239,12 @@ class RingReader:
         return rows[safe - start :]
 
     def skip(self, head: int) -> None:
-        """Skip the rows before a head."""
+        """Skip the rows before the row number `head`."""
         self._next = max(self._next, head)
 
 
 class ArrivalReader:
-    """Reads the frames that the gate has received, each once; where there are none, at next to no cost.
+    """Reader of the frames that the gate has received, each once; costs next to nothing where there are none.
 
     `batch` is the same as for a RingReader.
     """
@@ -258,7 +258,7 @@ class ArrivalReader:
 
     @property
     def lost(self) -> int:
-        """Frames, in either direction, that were overwritten before they were read."""
+        """Number of frames, in either direction, that were overwritten before they were read."""
         return self._frames.lost
 
     def take(self) -> Any:

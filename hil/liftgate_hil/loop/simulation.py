@@ -77,7 +77,7 @@ class OfflineState(NamedTuple):
 def inputs_at(
     offline: Offline, gate: Constants, row: Floats, time: float, arming: ObstacleArming, state: State
 ) -> tuple[ObstacleArming, Inputs]:
-    """Return the obstacle's arming, and the inputs of the step from a time [s] on.
+    """Return the obstacle's arming state, and the plant's inputs for the step from a time [s] on.
 
     The inputs are the file's; what it leaves out (NaN) comes from scenario and vehicle.
     """
@@ -93,7 +93,7 @@ def inputs_at(
 
 @compilable
 def block(offline: Offline, start: OfflineState, rows: Floats, out: Floats) -> tuple[OfflineState, int, bool]:
-    """Step through input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH).
+    """Simulate input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH).
 
     Returns the state, how many rows were written, and whether all states were sound. It ends before a state that
     is not, and where the ring of Hall edges is half full.

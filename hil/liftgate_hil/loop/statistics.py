@@ -16,7 +16,7 @@ from liftgate_hil.transport.base import LinkCounts
 
 
 class BusLoad:
-    """Counter of the bits on the wire."""
+    """Counter of the bits on the bus."""
 
     def __init__(self) -> None:
         self.bits = 0
@@ -27,7 +27,7 @@ class BusLoad:
         self.bits += sum(map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist()))
 
     def percent(self, bitrate: float, seconds: float) -> float:
-        """Return the share of the bus's time that frames took [%]."""
+        """Return the bus load [%]: the share of the time for which frames occupied the bus."""
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 
@@ -48,7 +48,7 @@ class LoopTiming(NamedTuple):
     delay: Quantiles = NOTHING  # from a command on the bus to the first feedback that shows it
 
     def on_bus(self) -> signals.Timing:
-        """Return the same figures as the bus carries them; NaN where there is none."""
+        """Return the timing figures as they are sent on the bus; NaN where there is none."""
         late, took, delay = self
         return signals.Timing(
             lateness_p50=late.p50_us,
@@ -94,7 +94,7 @@ _RECEIVED = {
 
 @dataclass
 class Summary(DescribedResult):
-    """The figures of a run."""
+    """Figures of a run, reported at its end."""
 
     clock: Annotated[str, Shown("clock of the run: `realtime`, `lockstep` or `free`")] = "realtime"
     ticks: Annotated[int, Shown("ticks that were done")] = 0
@@ -135,7 +135,7 @@ class Summary(DescribedResult):
     @property
     def known_bus_load_percent(self) -> Annotated[float, Shown("bus load over the run [%]; null: the run is "
             "shorter than 0.1 s", key="bus_load_percent")]:
-        """Bus load where there is one [%]; NaN for a run that is shorter than a cycle."""
+        """Bus load [%]; NaN for a run shorter than 0.1 s, a cycle in which every message is usually sent."""
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     @property
@@ -150,7 +150,7 @@ class Summary(DescribedResult):
 
     @property
     def delay(self) -> Annotated[Quantiles, Shown("command delay", prefix="command_delay")]:
-        """From a command on the bus to the first feedback that shows it."""
+        """Delay from a command on the bus to the first feedback that shows its effect."""
         return self.timing.delay
 
     @property
@@ -167,7 +167,7 @@ class Summary(DescribedResult):
 
     # fmt: on
     def refusals_text(self) -> str:
-        """Return why frames for the gate were refused; "": none was."""
+        """Return why the gate rejected frames; "": it rejected none."""
         causes = ("wrong_length", "out_of_range", "checksum", "counter", "remote")
         counts = {cause.replace("_", " "): getattr(self.received, cause) for cause in causes}
         return ", ".join(f"{number} {cause}" for cause, number in counts.items() if number)
@@ -185,7 +185,7 @@ class Summary(DescribedResult):
         return "no command arrived: the ECU sent nothing"
 
     def injections_reported(self) -> str:
-        """Return a text on what a test bench injected."""
+        """Return a text on the faults that a test bench injected."""
         first = "; ".join(self.injected[:_MOST_LISTED])
         more = "; …" if self.injections > _MOST_LISTED else ""
         text = f": {first}{more}" if first else ""
@@ -264,7 +264,7 @@ class Summary(DescribedResult):
 
 
 def in_words(times: Quantiles) -> str:
-    """Return a distribution as text."""
+    """Return the quantiles of a duration as text."""
     if not times.count:
         return "not known"
     return (

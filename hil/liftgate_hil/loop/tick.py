@@ -113,13 +113,13 @@ def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> Loo
 
 @compilable
 def constants_in(config: LoopConfig) -> Constants:
-    """Return those of the loop's constants that faults may change."""
+    """Return the loop's constants that faults may change."""
     return Constants(config.plant, config.sensors, config.load, config.faults)
 
 
 @compilable
 def in_force(config: LoopConfig, row: NDArray[np.float64]) -> LoopConfig:
-    """Return the loop's constants with those of a row (n,) of `constants`."""
+    """Return the loop's configuration with the constants in a row (n,) of `constants`."""
     now = unflattened(row, constants_in(config))
     return LoopConfig(
         plant=now.plant,
@@ -155,7 +155,7 @@ def copied(state: Tree) -> Tree:
 
 @compilable
 def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
-    """Return the bridge's input for a commanded duty [%] and direction; if one that is needed is NaN, it coasts.
+    """Return a bridge's input for a commanded duty [%] and direction; it coasts if a needed value is NaN.
 
     If `signed` is 1 the sign of the duty is the direction, 0 brakes, and `direction` is not used; else `direction`
     is the bridge state (0 to 3: coast, open, close, brake), and only the size of the duty counts.
@@ -173,7 +173,7 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 @compilable
 def panel_obstacle(config: LoopConfig, values: NDArray[np.float64], below: Obstacle) -> Obstacle:
-    """Return the rod that a panel has set, or else the obstacle `below`."""
+    """Return the rod that a test bench's panel has set, or else the obstacle `below`."""
     rate, angle = values[IN.obstacle_rate], values[IN.obstacle_angle]
     if np.isnan(rate) or np.isnan(angle):
         return below
@@ -197,7 +197,7 @@ def surroundings(
     arming: ObstacleArming,
     state: State,
 ) -> tuple[ObstacleArming, Load]:
-    """Return the obstacle's arming, and the load from the surroundings.
+    """Return the obstacle's arming state, and the load on the gate from the surroundings.
 
     The vehicle's surroundings are overridden by the scenario's, these by the panel's, and these by what was
     commanded.
@@ -228,7 +228,7 @@ def command(config: LoopConfig, values: NDArray[np.float64], stop: bool) -> tupl
 
 @compilable
 def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
-    """Return the state that the emulator reports of itself."""
+    """Return the emulator's own state, as it is reported on the bus."""
     if stop:
         return STOPPED
     if not np.isnan(reception.values[IN.left_duty]):
@@ -240,7 +240,7 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 def status_of(
     reception: Reception, counts: Counts, timeouts: int, outside: Outside, pinch_force_max: float
 ) -> Status:
-    """Return what the emulator reports of itself; the force [N] is the largest since it was last sent."""
+    """Return the emulator's status for the bus; the pinch force [N] is the largest since the last status sent."""
     return Status(
         tick_overruns=float(outside.ticks_missed),
         command_timeouts=float(timeouts),
@@ -252,7 +252,7 @@ def status_of(
 
 @compilable
 def edge_times(halls: Any, now: float) -> EdgeTimes:
-    """Return the last edges of both drives (2,) HALL, as seen at a time [s]."""
+    """Return the last Hall edges of both drives (2,) HALL, as seen at a time [s]."""
     left, right = halls[LEFT], halls[RIGHT]
     return EdgeTimes(
         left_edge_number=float(left.edges % EDGE_NUMBERS),
@@ -272,7 +272,7 @@ def edge_times(halls: Any, now: float) -> EdgeTimes:
 def line_up(
     values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside, edges: EdgeTimes
 ) -> None:
-    """Fill the values of all outputs (OUTPUT_COUNT,)."""
+    """Fill in the values (OUTPUT_COUNT,) of all signals that the gate can send."""
     fill(values, OUT_ROWS.sensed, sensed)
     fill(values, OUT_ROWS.truth, truth)
     fill(values, OUT_ROWS.status, status)
@@ -284,7 +284,7 @@ def line_up(
 def tick(
     config: LoopConfig, state: LoopState, frames: Frames, outside: Outside
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
-    """Advance by one plant step with the frames that have come and what acts from outside.
+    """Advance by one plant step with the frames received and the influences from outside.
 
     The returned frames are valid until the next tick.
     """

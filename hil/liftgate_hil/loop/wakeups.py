@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 def note_wakeups(
     period_ns: int, count: int, long_ns: int, histogram: NDArray[np.int64], stop: NDArray[np.int64], room: Room
 ) -> tuple[int, int]:
-    """Wake up for `count` periods on absolute deadlines, as the real-time loop does.
+    """Wait for `count` deadlines as the real-time loop does, and count how late each wake-up is in a histogram.
 
     Returns how many periods were skipped, and how often it was late by more than `long_ns`.
     """
@@ -46,7 +46,7 @@ def note_wakeups(
 def measure_wakeups(
     period_ns: int, count: int, realtime: Realtime | None = None, long_ns: int = LONG_NS
 ) -> tuple[Quantiles, int, int]:
-    """Measure how late a thread of its own wakes up.
+    """Measure how late a thread wakes up that waits as the real-time loop does.
 
     Returns the distribution of the lateness, how many of `count` periods [ns] were skipped, and how often the
     thread was late by more than `long_ns`. What `realtime` was refused is noted in it.
@@ -67,7 +67,7 @@ def measure_wakeups(
 
 
 def in_own_thread(action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None) -> Result:
-    """Return what `action` returns, in a thread like that of the real-time loop.
+    """Run `action` in a thread like that of the real-time loop, and return its result.
 
     `end` makes it return early, for Ctrl-C.
     """

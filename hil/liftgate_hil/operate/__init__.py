@@ -1,1 +1,1 @@
-"""What acts on a run while it goes on: faults, requests and signals, from a test bench or an operator."""
+"""Operation of a running gate: faults, requests and signals from a test bench or an operator."""

@@ -12,7 +12,7 @@ from liftgate_hil.operate.loop_target import Target
 
 
 class ButtonPresser:
-    """Presses buttons, and releases them after their hold time."""
+    """Presses a rig's buttons, and releases them after their hold time."""
 
     def __init__(self, rig: Rig, target: Target) -> None:
         self._rig, self._target = rig, target
@@ -20,11 +20,11 @@ class ButtonPresser:
 
     @property
     def next_release(self) -> float:
-        """Time of the next release [s]; inf: no button is pressed."""
+        """Time [s] of the next release of a button; inf: no button is pressed."""
         return min((when for when, _ in self._pressed.values()), default=math.inf)
 
     def request(self, action: str, now: float) -> None:
-        """Have the driver ask for open, close, stop or reset, at a time [s]. Raises ConfigError."""
+        """Press the driver's button for open, close, stop or reset, at a time [s]. Raises ConfigError."""
         driver = self._rig.driver
         press = driver.buttons.get(action)
         if action == "reset" and driver.reset is not None:
@@ -48,9 +48,9 @@ class ButtonPresser:
                     del self._pressed[signal]
 
     def has(self, signal: str) -> bool:
-        """Whether a button of this signal is pressed."""
+        """Whether the button of a signal is pressed."""
         return signal in self._pressed
 
     def forget(self, signal: str) -> None:
-        """Do not release a button whose signal was given another value, which stays."""
+        """Cancel the release of a button whose signal was set to another value, which stays."""
         self._pressed.pop(signal, None)

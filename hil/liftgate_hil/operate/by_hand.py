@@ -1,4 +1,4 @@
-"""Validation of what a program or an operator sets by hand: surroundings, and the obstacle."""
+"""Validation of the surroundings and the obstacle that a program or an operator sets by hand."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STIFFNESS = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
 
 
 def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
-    """Return surroundings as the loop holds them; switches take bool, None clears (NaN). Raises ConfigError."""
+    """Return given surroundings as the loop's held values; switches take bool, None: NaN. Raises ConfigError."""
     held = {}
     for name, value in given.items():
         if name not in PROFILES:
@@ -34,7 +34,7 @@ def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
 
 
 def usual_obstacle(edge: float) -> dict[str, float]:
-    """Return the values of an obstacle's keys where they are not given; `edge` [m] as in `obstacle_in`."""
+    """Return the default values of an obstacle's keys; `edge` [m] as in `obstacle_in`."""
     return {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
 
 
@@ -70,6 +70,6 @@ def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:
 
 
 def held_obstacle(obstacle: Obstacle | None) -> dict[str, float]:
-    """Return an obstacle as the loop holds it, by the names of held values; None: no obstacle is given."""
+    """Return an obstacle as held values of the loop, by their names; None: no obstacle is given."""
     each = obstacle or Obstacle(*(math.nan for _ in Obstacle._fields))
     return {f"obstacle_{name}": value for name, value in each._asdict().items()}

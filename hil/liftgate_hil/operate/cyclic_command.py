@@ -1,4 +1,4 @@
-"""Cyclic drive command in place of an ECU: given by quantity, and sent every cycle until it is changed."""
+"""Cyclic drive command that is sent in place of an ECU's, with given quantities, until it is changed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _KNOWN = ("left_duty", "right_duty", "left_direction", "right_direction", *_LATC
 
 
 class CyclicCommand:
-    """Drive command given by its quantities, encoded by rig and codec, with counter and checksum.
+    """Cyclic drive command: its quantities, encoded by rig and codec, with counter and checksum.
 
     Nothing is sent before the first command. `bus` is what an ECU on this rig sends.
     """
@@ -41,15 +41,15 @@ class CyclicCommand:
 
     @property
     def is_on(self) -> bool:
-        """Whether a command is sent."""
+        """Whether the command is being sent."""
         return self._values is not None
 
     def silence(self) -> None:
-        """Stop sending until the next `change`."""
+        """Stop sending the command until the next `change`."""
         self._values = None
 
     def change(self, quantities: Mapping[str, float | str | bool]) -> None:
-        """Send these from the next cycle on, see `Gate.command`. Raises ConfigError, and changes nothing then."""
+        """Send these quantities from the next cycle on, see `Gate.command`. Raises ConfigError, with no change."""
         values = np.full(INPUT_COUNT, np.nan)
         both = quantities.get("direction")
         for name in quantities:
@@ -105,7 +105,7 @@ class CyclicCommand:
 
 
 def _signed(duty: float, direction: Any) -> float:
-    """Return a duty [%] with the sign of the direction, where one is named. Raises ConfigError."""
+    """Return a duty [%] with the sign of the direction, if one is given. Raises ConfigError."""
     if isinstance(direction, str) and direction == "coast":
         allowed = "allowed: open, close, brake, or silence"
         raise ConfigError(f"`direction` coast: it has no signal in this rig; {allowed}")

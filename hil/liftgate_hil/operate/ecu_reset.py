@@ -45,12 +45,12 @@ class Program:
 
     @property
     def is_running(self) -> bool:
-        """Whether the program has not ended yet; its time-out is an end, too."""
+        """Whether the program is still running; a program past its time-out is not."""
         return self._thread.is_alive()
 
     @property
     def is_not_made(self) -> bool:
-        """Whether the reset was not completed: not started, still running, or failed."""
+        """Whether the reset was not completed: its program was not started, is still running, or failed."""
         return not self.has_begun or self.is_running or bool(self.failure)
 
     def stop(self) -> None:
@@ -93,7 +93,7 @@ class Program:
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill a program with its process group; it may just have ended."""
+    """Kill a program with its process group; a program that has just ended is ignored."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
 
@@ -120,11 +120,11 @@ class Restarts:
         self._programs: list[Program] = []  # run one after the other
 
     def restart(self) -> None:
-        """Queue one more run of the program, after those queued before."""
+        """Queue one more run of the reset program."""
         self._programs.append(Program(self._reset))
 
     def look(self, frames: Any, now: float) -> None:
-        """Run the program for each reset that is due at a time [s]."""
+        """Run the reset program for each reset that is due at a time [s]."""
         now_ns = round(now * 1e9)
         for place in list(self._open):
             if is_due(self._requests, place, self._moments, now_ns, now_ns):
@@ -146,7 +146,7 @@ class Restarts:
             self._say(f"{now:.3f} s: reset: {waiting[0].name}")
 
     def not_made(self) -> str:
-        """Return, after the run, why resets were not completed ("": all were), and stop the programs."""
+        """Return, after the run, why resets were not completed ("": all were), and stop their programs."""
         found = [
             f"request: reset: {each.name}: {each.failure or 'not finished'}"
             for each in self._programs
@@ -156,7 +156,7 @@ class Restarts:
         return "; ".join(found)
 
     def stop(self) -> None:
-        """Kill the programs that still run."""
+        """Kill the reset programs that still run."""
         for each in self._programs:
             each.stop()
 
@@ -164,7 +164,7 @@ class Restarts:
 def restarts_of(
     rig: Rig, stimuli: StimulusPlan, say: Callable[[str], None], waits: bool, stopped: Callable[[], bool]
 ) -> Restarts | None:
-    """Return the resets of an ECU by the rig's program; None: it is reset in another way, or not at all."""
+    """Return the runner of the rig's reset program for an ECU; None: it is reset in another way, or not at all."""
     reset = rig.driver.reset
     if reset is None or reset.way != "command":
         return None

@@ -1,4 +1,4 @@
-"""Recording that an operator starts and stops during a run, beside those of the run, and an operator's marks."""
+"""Further recording, which an operator starts and stops beside the run's own ones, and an operator's marks."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class FurtherRecording:
         self.files: list[str] = []  # that are complete
 
     def prepare(self) -> None:
-        """Start a recorder process that waits, so that a recording begins with the request."""
+        """Start a recorder process that waits, so that a recording begins at once when it is requested."""
         with self._spare_lock, contextlib.suppress(OSError):  # then one is started with the recording
             if not self._is_closed and (self._spare is None or not self._spare.is_there):
                 self._spare = RecorderProcess(self._memory, [str(self._folder)])
 
     def _prepared(self) -> RecorderProcess:
-        """Return a recorder process for one recording. Raises OSError."""
+        """Start and return a recorder process for one recording. Raises OSError."""
         with self._spare_lock:
             spare, self._spare = self._spare, None
         if spare is not None and spare.is_there:
@@ -76,11 +76,11 @@ class FurtherRecording:
         return self._thread is not None and self._thread.is_alive()
 
     def in_force(self) -> Mapping[str, object] | None:
-        """Return the file's name and whether it is STARTING, RECORDING or COMPLETING; None: there is none."""
+        """Return the file's name and whether it is STARTING, RECORDING or COMPLETING; None: no recording."""
         return {"file": self._path.name, "phase": self._phase} if self.is_on else None
 
     def start(self, name: object) -> None:
-        """Start to record to a file of that name. Raises ConfigError, also while another recording is open."""
+        """Start a recording to a file with this name. Raises ConfigError, also while another recording is open."""
         if self.is_on:
             raise ConfigError(
                 f"record {show(name)[:80]}: {self._path.name} is open; allowed: after it was stopped"
@@ -98,7 +98,7 @@ class FurtherRecording:
         self._thread.start()
 
     def stop(self) -> str:
-        """Stop to record, complete the file beside the run, and return its name. Raises ConfigError for none."""
+        """Stop the recording, have its file completed, and return the file's name. Raises ConfigError for none."""
         if not self.is_on or self._stop.is_set():
             raise ConfigError("record null: no recording is open that was started by a command")
         with self._lock:
@@ -109,7 +109,7 @@ class FurtherRecording:
         return self._path.name
 
     def mark(self, time_s: float, text: object) -> None:
-        """Write a mark to all recordings that can hold it. Raises ConfigError where there is none."""
+        """Write a mark to all recordings that can hold marks. Raises ConfigError where there is none."""
         if not isinstance(text, str) or not 0 < len(text) <= _LONGEST or not text.isprintable():
             raise ConfigError(f"mark {show(text)[:80]}; allowed: 1 to {_LONGEST} printable characters")
         is_open = self.is_on and self._phase in (STARTING, RECORDING)
@@ -120,7 +120,7 @@ class FurtherRecording:
             raise ConfigError("mark: a recording does not keep up, or has ended; allowed: when it takes marks")
 
     def note(self, time_s: float, text: str) -> bool:
-        """Mark the recordings that can hold it with a text, cut if too long; False: one has not taken it."""
+        """Write a text, cut if too long, as a mark to the recordings that hold marks; False: one refused it."""
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
         taken = []
         with self._lock:
@@ -132,7 +132,7 @@ class FurtherRecording:
         return all(taken)
 
     def close(self) -> None:
-        """Complete the file at the end of the run."""
+        """Complete the recording's file at the end of the run."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(_CLOSE_S)

@@ -1,4 +1,4 @@
-"""Target of commands for a running loop: they go through the command queue of its stimulus plan."""
+"""Target of commands for a running loop, which posts them to the command queue of the loop's stimulus plan."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from liftgate_plant.constants import constants_of, numbers_of
 
 
 class _Slot(NamedTuple):
-    """Fault in a slot of the stimulus plan."""
+    """Fault in one slot of the stimulus plan, with its layer."""
 
     layer: int
     fault: Fault
@@ -55,7 +55,7 @@ class LoopTarget:
         self._slots: list[_Slot | None] = [None] * SLOTS
 
     def layer(self, place: int) -> Target:
-        """Return the target for commands in a layer, BENCH or OPERATOR; later layers override those before."""
+        """Return the command target of a layer, BENCH or OPERATOR; later layers override earlier ones."""
         return Target(self, place)
 
     def hold(self, values: Mapping[str, float]) -> None:
@@ -123,20 +123,20 @@ class LoopTarget:
 
 
 class Target:
-    """Target of the commands of one layer, on a running loop or a gate."""
+    """Target for the commands of one layer, on a running loop or a gate."""
 
     def __init__(self, loop: LoopTarget, place: int) -> None:
         self._loop, self._place = loop, place
 
     def hold(self, values: Mapping[str, float]) -> None:
-        """Hold values, by their names in command_queue.NAMES, from the next tick on; NaN: hold it no longer.
+        """Hold values, by their names in command_queue.NAMES, from the next tick on; NaN releases a value.
 
         Raises ConfigError where there is no room for so many, and changes nothing then.
         """
         self._loop.hold(values)
 
     def inject(self, faults: Sequence[Fault]) -> None:
-        """Put these faults in force from the next tick on, in place of all that were injected before.
+        """Put these faults in force from the next tick on, in place of all that this layer injected before.
 
         Where several act on the same thing, they act in their order. Raises ConfigError, and changes nothing then.
         """
@@ -145,7 +145,7 @@ class Target:
     def set_signals(
         self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
     ) -> None:
-        """Set signals [the database's unit], but only those with the value `instead_of` (NaN: any).
+        """Set signals [the database's unit]; with `instead_of` (NaN: any) only those that have this value.
 
         The value NaN clears a signal, which then has the scenario's value, else `rest`. Raises ConfigError, and
         changes nothing then.
@@ -153,5 +153,5 @@ class Target:
         self._loop.set_signals(self._place, values, instead_of, rest)
 
     def reset(self) -> None:
-        """Reset the ECU in the rig's way other than a signal. Raises ConfigError where that is not possible."""
+        """Reset the ECU in the rig's way other than a signal. Raises ConfigError where the rig has none."""
         self._loop.reset()

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Observers:
-    """Observers of one run; None: there is none of that kind."""
+    """Observers of one run, one of each kind; None: the run has none of that kind."""
 
     restarts: Restarts | None = None  # reset the ECU by a program
     orders: Orders | None = None  # executes orders of the rig's test bench
@@ -40,22 +40,22 @@ class Observers:
 
     @property
     def injected(self) -> set[str]:
-        """Kinds of faults injected during the run by the test bench or an attached client."""
+        """Kinds of the faults that the test bench or an attached client has injected during the run."""
         return {kind for each in (self.orders, self.operator) if each for kind in each.kinds}
 
     def let_in(self, about: Description, memory: Memory, recording: FurtherRecording) -> None:
-        """Let clients attach, where they may; `recording` is for what they start."""
+        """Let clients attach, if the run has a server; `recording` is the one that they can start."""
         if self.server is not None and self.operator is not None:
             self.operator.recording = recording
             self.server.open(about, memory, self.operator)
 
     def end(self) -> None:
-        """Report what is still to be reported, while the recordings are written."""
+        """Report what observers have not reported yet, while the recordings are written."""
         if self.operator is not None:
             self.operator.end_series()
 
     def note(self, summary: Summary) -> None:
-        """Enter what was commanded and injected in the figures of the run."""
+        """Enter the commands and injections in the run's summary."""
         if self.operator is not None:
             further = self.operator.recording
             summary.recordings = [*summary.recordings, *([] if further is None else further.files)]
@@ -76,7 +76,7 @@ def observers_of(
     restarts: Restarts | None,
     server: Server | None,
 ) -> Observers:
-    """Return the observers of a run; those for a test bench and an operator only where its plan has room for them.
+    """Build the observers of a run; those for a test bench and an operator only if its plan has room for them.
 
     They change the run's `stimuli`. `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to
     which an operator's requests go; `restarts` and `server` are among the observers if they are given.

@@ -47,14 +47,14 @@ Which = tuple[Any, ...]  # see Fault.identity
 
 
 class Broken(NamedTuple):
-    """A fault that an operator has injected, and the content of the command for it."""
+    """Fault that an operator has injected, with the content of its command."""
 
     fault: Fault
     content: Mapping[str, object]
 
 
 class Operator:
-    """Executes an operator's commands.
+    """Executes an operator's commands on a running gate.
 
     `edge` is the distance of the gate's edge from its hinge [m]; `ask` makes a request to an ECU in this process
     (False: it cannot), other ECUs are asked by the rig's buttons.
@@ -81,7 +81,7 @@ class Operator:
         self.done: list[str] = []  # the first of these in words, with their times; of a series the last one
 
     def in_force(self) -> Mapping[str, object]:
-        """Return what was commanded and has not been cleared, in the form of commands."""
+        """Return the commands in force, executed and not cleared, in the form of commands."""
         return {
             "obstacle": dict(self._obstacle) or None,
             "set": dict(self._set),
@@ -91,13 +91,13 @@ class Operator:
         }
 
     def look(self, now: float) -> None:
-        """Release the buttons whose hold time is over, at a time [s] of the scenario, and end a series."""
+        """Release the buttons whose hold time is over, at a scenario time [s], and end a series of settings."""
         self._buttons.release(now)
         if now - self._series_at > _SERIES_S:
             self.end_series()
 
     def obey(self, command: object, now: float) -> str:
-        """Execute a command that was given at a time [s] of the scenario, and return in words what was done.
+        """Execute a command at a time [s] of the scenario, and return a text on what was done.
 
         It takes effect with the next tick. Raises ConfigError for one that is invalid, or for which there is no
         room yet.
@@ -124,14 +124,14 @@ class Operator:
         return done
 
     def end_series(self) -> None:
-        """Report the last value of a series of settings, the first of which was reported when it came."""
+        """Report the last value of a series of settings, the first of which was reported at once."""
         self._series = ""
         if self._last_of_series is not None:
             self._tell(*self._last_of_series)
             self._last_of_series = None
 
     def _tell(self, now: float, done: str) -> None:
-        """Report what was commanded, and note it in the recordings."""
+        """Report an executed command, and write it as a mark to the recordings."""
         self.report(now, done)
         if self.recording is not None:
             self.recording.note(now, f"{COMMAND}{done}")
@@ -163,7 +163,7 @@ class Operator:
         return do[name](content, now)
 
     def _beside(self, name: str, content: object, now: float) -> str:
-        """Record or mark, as `name` says."""
+        """Execute the command `record` or `mark`, which do not act on the gate."""
         if self.recording is None:
             raise ConfigError(f"{name}: this run cannot be recorded now; allowed: once it is ready")
         if name == "mark":
@@ -263,13 +263,13 @@ class Operator:
 
 
 def _series_of(command: object) -> str:
-    """Return the quantity that a command sets, if it sets one; "": it cannot be one of a series."""
+    """Return the one quantity that a command sets; "": the command cannot belong to a series of settings."""
     content = command.get("set") if isinstance(command, dict) else None
     return str(next(iter(content))) if isinstance(content, dict) and len(content) == 1 else ""
 
 
 def _words(content: Mapping[str, object], units: Mapping[str, str] | None = None) -> str:
-    """Return the values of a command in words; `units` are those that are not in the names."""
+    """Return the values of a command as text; `units` are those that the names do not state."""
     parts = []
     for name, value in content.items():
         shown = f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)

@@ -1,4 +1,4 @@
-"""Orders of a test bench: read beside the loop, decoded from the frames in its ring, and passed to their target.
+"""Orders (commands) of a test bench: read beside the loop from the frames in its ring, decoded and executed.
 
 They are validated as a scenario's lines are; an invalid one is reported and counted, and changes nothing.
 """
@@ -29,7 +29,7 @@ _MOST_LISTED = 1000  # orders of a run that are reported; more are executed, or 
 
 
 class Orders:
-    """Reads the orders of a rig's test bench, and has a target execute them."""
+    """Observer that reads the orders of a rig's test bench from frames, and has a target execute them."""
 
     def __init__(self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None) -> None:
         self._rig, self._target, self._say = rig, target, say
@@ -45,7 +45,7 @@ class Orders:
 
     @property
     def next_release(self) -> float:
-        """Time of the next release of a button [s]; inf: none is pressed."""
+        """Time [s] of the next release of a button; inf: no button is pressed."""
         return self._buttons.next_release
 
     def is_one(self, identifier: int) -> bool:
@@ -96,13 +96,13 @@ class Orders:
         self._tell(self.refused, f"{time:.3f} s: {name} refused: {why}")
 
     def _tell(self, number: int, content: str) -> None:
-        """Report one of the first orders of its kind; `number` is how many there were with this one."""
+        """Report one of the first executed or refused orders; `number` is its ordinal among these."""
         if number <= _MOST_LISTED:
             last = "; further ones are only counted" if number == _MOST_LISTED else ""
             self._say(content + last)
 
     def _order(self, order: OrderMessage, content: Mapping[str, Decoded], now: float) -> str:
-        """Execute an order, and return it in words; "": it is in force already. Raises ConfigError."""
+        """Execute an order, and return it as text; "": it is in force already. Raises ConfigError."""
         what = order.what
         if what == REQUEST:
             action = content["action"].label
@@ -163,7 +163,7 @@ _WAYS = ("sent", "received")
 
 
 class Decoded(NamedTuple):
-    """Decoded value of a signal."""
+    """Decoded value of a signal, with its label."""
 
     number: float
     label: str  # of the database, else the number as a text
@@ -176,7 +176,7 @@ Which = tuple[str, str, str]
 
 
 def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
-    """Return a message's signals, decoded from a payload, by name. Raises ConfigError where it does not fit."""
+    """Decode a message's payload; return its signals by name. Raises ConfigError where it does not fit."""
     import cantools
 
     message = rig.messages[name]
@@ -203,7 +203,7 @@ def _value_of(message: Any, key: str, value: float) -> Decoded:
 
 
 def which_ordered(rig: Rig, what: str, content: Mapping[str, Decoded]) -> Which:
-    """Return which fault a test bench's frame refers to: its kind, place and direction. Raises ConfigError.
+    """Return the identity of the fault in a test bench's frame: kind, place and direction. Raises ConfigError.
 
     `what` is FAULT or BABBLING, `content` the decoded signals by their keys in inject.ORDERS.
     """
@@ -242,13 +242,13 @@ def fault_ordered(which: Which, what: str, content: Mapping[str, Decoded]) -> Fa
 
 
 def value_key(kind: str) -> str | None:
-    """Return the name of a fault kind's key that the signal `value` of a frame sets; None: it has none."""
+    """Return the key of a fault kind that the signal `value` of a frame sets; None: the kind has no such key."""
     own = FAULT_KINDS[kind].keys
     return next((key.name for key in own if isinstance(key.kind, Number | Level)), None)
 
 
 def _way_of(rig: Rig, place: str) -> str:
-    """Return "sent" or "received", a message's direction as the gate sees it. Raises ConfigError for none."""
+    """Return "sent" or "received", the direction of a message for the gate. Raises ConfigError for no message."""
     if place == NOTHING:
         raise ConfigError("direction none; allowed: sent or received, where no message is named")
     return "received" if place in {each.message for each in rig.inputs} else "sent"

@@ -1,1 +1,1 @@
-"""Plans of runs: a run as it is requested, and all that it needs, made once and checked."""
+"""Plans of runs: a requested run with everything that it needs, prepared once and validated."""

@@ -1,4 +1,4 @@
-"""Columns of recordings that state which faults are in force, and which faults these are."""
+"""Columns of recordings that state which faults are in force, and the assignment of faults to them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INJECTED = FAULT_PREFIX + "injected"  # of all that a page, a program or a test 
 
 
 def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str, int]:
-    """Return the columns of a scenario's faults, with their bits in `faults_in_force`.
+    """Return the columns of a scenario's faults, each with its bit in `faults_in_force`.
 
     The first 51 faults have a column, `fault.KIND` or `fault.KIND.WHERE`; that of a later fault alike has its
     number: `fault.KIND.WHERE.2`. One for all others follows where they may be injected meanwhile (`is_open`).
@@ -24,7 +24,7 @@ def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str
 
 
 def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, object]]:
-    """Return a scenario's faults by their columns: kind, place, and the keys of the kind."""
+    """Return a scenario's faults by the names of their columns: kind, place, and the keys of the kind."""
     return {
         name: {"kind": each.kind, "where": each.where, **each.values}
         for name, each in zip(_names(faults), faults, strict=True)

@@ -1,4 +1,4 @@
-"""The loop of a run before its first tick: its constants, and its state at rest."""
+"""Initial loop of a run, before its first tick: its constants, and its state at rest."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
 def loop_start_of(
     setup: Setup, rig: Rig, rate: float, opening: Opening = CLOSED, edges: int = _EDGES
 ) -> LoopStart:
-    """Return a loop at rest with a setup's stimuli, for an ECU that has no bus. Raises ConfigError."""
+    """Return a loop at rest with a setup's stimuli, for an ECU in this process. Raises ConfigError."""
     config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
     state = start_of(config, setup.start_angle, edges)
     return LoopStart(config, state, planned_stimuli(setup, rig, opening=opening))

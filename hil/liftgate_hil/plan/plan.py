@@ -34,7 +34,7 @@ from liftgate_hil.transport.find import Way, find_way
 
 @dataclass(frozen=True)
 class Subject:
-    """Subject of a report: the job of a run, and the objects that it names."""
+    """Subject of a report: the job of a run, with the setup and the rig that the job names."""
 
     job: Job
     setup: Setup
@@ -48,13 +48,13 @@ class Subject:
 
     @property
     def duration(self) -> float | None:
-        """Model time of the run [s], the job's or else the scenario's; None: it runs until it is stopped."""
+        """Model time of the run [s]: the job's, or else the scenario's; None: the run lasts until stopped."""
         given = self.request.duration
         return self.setup.scenario.duration if given is None else given
 
     @property
     def inputs(self) -> list[Path]:
-        """Files that it is made from, to which no run may write."""
+        """Input files of the run, to which no run may write."""
         return [*(Path(each.path) for each in self.sources.values()), *self.setup.inputs]
 
     @property
@@ -65,7 +65,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Plan(Subject):
-    """Plan of a run: all that it needs, validated. No run changes it: each uses a copy of `stimuli`."""
+    """Plan of a run: all that the run needs, validated. No run changes it: each uses a copy of `stimuli`."""
 
     way: Way | None  # of the wire; None: there is none
     config: LoopConfig
@@ -76,11 +76,11 @@ class Plan(Subject):
 
     @property
     def ticks(self) -> int | None:
-        """Number of ticks of the run; None: it runs until it is stopped."""
+        """Number of ticks of the run; None: the run lasts until it is stopped."""
         return ticks_of(self.duration, self.request.rate)
 
     def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
-        """Return the plan of another job or setup of the same files, not read again. Raises ConfigError."""
+        """Return this plan with another job or setup of the same files, not read again. Raises ConfigError."""
         job = self.job if job is None else job
         own, others = (each.request.replaced(record=()) for each in (self.job, job))
         if setup is None and own == others and job.attachable_as == self.job.attachable_as:
@@ -89,7 +89,7 @@ class Plan(Subject):
 
 
 def plan_of(job: Job) -> Plan:
-    """Return the plan of a job, which the scenario completes. Raises ConfigError with all issues."""
+    """Build the plan of a job, completed from its scenario. Raises ConfigError with all issues."""
     check_ecu(job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
     setup = setup_for(job.request)
     job.request.check()
@@ -104,7 +104,7 @@ def plan_of(job: Job) -> Plan:
 def planned(
     job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source], other: Plan | None = None
 ) -> Plan:
-    """Return the plan of a job of loaded objects; `other` has the same rig. Raises ConfigError with all issues."""
+    """Build the plan of a job from loaded objects; `other` has the same rig. Raises ConfigError: all issues."""
     request = job.request
     if way is None and request.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
@@ -140,7 +140,7 @@ def planned(
 
 
 def _periods(scenario: Scenario, rate: float) -> list[str]:
-    """Return an issue for each intermittent fault that changes faster than the ticks can show."""
+    """Return an issue for each intermittent fault whose on or off time is shorter than a tick."""
     found = []
     for each in scenario.faults:
         shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
@@ -156,7 +156,7 @@ def _identity_of(job: Job, setup: Setup) -> Mapping[str, Any]:
 
 
 def expected_in(setup: Setup, rig: Rig) -> Expected:
-    """Return a scenario's expectations for vehicle and rig. Raises ConfigError with all that does not fit."""
+    """Return a scenario's expectations for vehicle and rig. Raises ConfigError with all mismatches."""
     scenario = setup.scenario
     ends = {"open": math.degrees(setup.vehicle.gate.open_angle), "close": 0.0}
     last = next(reversed(scenario.precondition), "")
@@ -175,7 +175,7 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
 
 
 def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
-    """Return when faults are in force, and the time-out that each shall outlast: its message's or a command's."""
+    """Return the faults' times in force, each with the time-out [s] (message's or command's) it must outlast."""
     if not rig.inputs:
         return []
     found = []
@@ -192,7 +192,7 @@ def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
 
 
 def trigger_in(setup: Setup, rig: Rig, request: RunRequest) -> Trigger | None:
-    """Return the trigger of a run's recording; None: all is recorded. Raises ConfigError with all misfits."""
+    """Return the trigger of a run's recording; None: all is recorded. Raises ConfigError with all mismatches."""
     if not request.record_when:
         return None
     return trigger_of(

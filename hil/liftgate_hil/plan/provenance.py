@@ -1,4 +1,4 @@
-"""Provenance of a recording: what is needed to repeat the run that it is of.
+"""Provenance of a recording: the information that is needed to repeat the recorded run.
 
 It is the same for the same run on the same machine, and so is the recording; it holds no wall-clock time.
 """
@@ -30,7 +30,7 @@ _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only
 
 
 def content_of(plan: Plan, channel: str, bus: str = "", is_recorded: bool = False) -> Content:
-    """Return the content of a run's recordings; `channel` names the bus in them, `bus` is its interface.
+    """Return the description of a run for its recordings; `channel` names the bus in them, `bus` is its interface.
 
     It has a provenance only where the run, by its request, or something beside it `is_recorded`.
     """
@@ -95,7 +95,7 @@ def _origin(
 
 
 def _file(source: Source) -> dict[str, str]:
-    """Return a file for the provenance, with its text unless it is too long or has changed meanwhile."""
+    """Return a file as an entry of the provenance, with its text unless this is too long or has changed since."""
     path, entry = Path(source.path), source._asdict()
     with contextlib.suppress(OSError):
         if path.stat().st_size <= _MOST_TEXT:
@@ -106,7 +106,7 @@ def _file(source: Source) -> dict[str, str]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON can hold it; a number that is not finite becomes a text."""
+    """Return a value in a form that JSON can hold; a number that is not finite becomes a text."""
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Setup of a recorded run as its provenance states it: vehicle, rig, scenario and its parameters."""
+"""Setup of a recorded run, from the recording's provenance: vehicle, rig, scenario and its parameters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RecordedSetup:
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """The vehicle as it was used, with all settings; None: not stated, or with other parameters than now."""
+        """The vehicle of the recorded run, with all settings; None: not stated, or other parameters than now."""
         with contextlib.suppress(TypeError, ValueError, KeyError, AttributeError):
             found = _built(Vehicle, self.content["vehicle"])
             return found if isinstance(found, Vehicle) else None
@@ -38,12 +38,12 @@ class RecordedSetup:
 
     @property
     def vehicle_name(self) -> str:
-        """The name of the vehicle's file."""
+        """The name of the vehicle's file, as recorded."""
         return Path(self._file("vehicle").get("path", "as recorded")).stem
 
     @cached_property
     def rig(self) -> Rig | None:
-        """The rig with which it was recorded; None: not stated, or its files are not there as they were."""
+        """The rig of the recorded run; None: not stated, or its files are missing or have changed since."""
         own = self._file("rig")
         name = own.get("path", "")
         for path in (Path(name), *_shipped(Path(name).stem)) if name else ():
@@ -69,18 +69,18 @@ class RecordedSetup:
 
     @property
     def states_rig(self) -> bool:
-        """Whether it was recorded with a rig at all."""
+        """Whether the provenance states a rig."""
         return bool(self._file("rig"))
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The parameters of the scenario, by name."""
+        """The recorded parameters of the scenario, by name."""
         found = self.content.get("parameters")
         return found if isinstance(found, dict) else {}
 
     @property
     def _files(self) -> Mapping[str, Mapping[str, str]]:
-        """The files of the run, by purpose: path, SHA-256 and text."""
+        """The recorded run's files, by purpose: path, SHA-256 and text."""
         files = self.content.get("files")
         files = files if isinstance(files, dict) else {}
         return {name: each for name, each in files.items() if isinstance(each, dict)}
@@ -90,7 +90,7 @@ class RecordedSetup:
 
 
 def recorded_setup(paths: Sequence[Path]) -> RecordedSetup:
-    """Return the setup that the first file of a run states which holds any; what cannot be read states none."""
+    """Return the setup from the first of a run's files with a provenance; an unreadable file has none."""
     for path in paths:
         form = FORMATS.get(path.suffix.lower())
         if form is None or not form.holds_about:
@@ -108,7 +108,7 @@ def _shipped(name: str) -> list[Path]:
 
 
 def _built(kind: Any, value: Any) -> Any:
-    """Return JSON's value as a NamedTuple of this kind, nested ones alike. Raises TypeError for other fields."""
+    """Convert a JSON value to a NamedTuple of this kind, with nested ones. Raises TypeError for other fields."""
     if hasattr(kind, "_fields"):
         if {*value} != {*kind._fields}:
             raise TypeError

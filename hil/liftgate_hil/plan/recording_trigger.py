@@ -43,7 +43,7 @@ _NS = 1e-9
 
 
 class Trigger(NamedTuple):
-    """Conditions and times of a triggered recording. It is pickled for the process that records."""
+    """Conditions and times of a triggered recording; it is pickled for the recording process."""
 
     conditions: tuple[Condition, ...]  # any of them triggers
     before: float  # s recorded before a condition is true
@@ -61,7 +61,7 @@ def trigger_of(
     messages: Messages,
     drives: int,
 ) -> Trigger:
-    """Return the trigger of conditions as texts, in the language of scenarios.
+    """Build the trigger from conditions as texts, in the language of scenarios.
 
     Raises ConfigError with all issues.
     """
@@ -136,7 +136,7 @@ class _Ring:
         self.count += len(more)
 
     def take(self) -> NDArray[Any]:
-        """Remove and return all rows, the oldest first."""
+        """Remove and return all rows in the buffer, the oldest first."""
         first = max(0, self.count - len(self.rows))
         taken: NDArray[Any] = self.rows[np.arange(first, self.count) % len(self.rows)]
         self.count = 0
@@ -144,7 +144,7 @@ class _Ring:
 
 
 class Triggered:
-    """Sieve that selects what lies around the trigger's conditions.
+    """Sieve that selects the rows and frames around the times at which a trigger's condition is true.
 
     `windows` are the latest stretches [s], in the order of time, and `count` is how many there were.
     """
@@ -172,7 +172,7 @@ class Triggered:
         self._true_at(np.zeros((0, ROW_WIDTH)), no_logged())  # compile before time counts
 
     def kept(self, rows: NDArray[np.float64], frames: Any, come: Any) -> tuple[NDArray[np.float64], Any]:
-        """Return the rows and frames to write: those in a window, earlier buffered ones included.
+        """Return the rows and frames to write: those in a window, including buffered ones.
 
         `frames` are in the order of time and due to be written; `come` are those just logged, in which the
         conditions are evaluated. The rest is buffered, as a condition may come true later.
@@ -205,7 +205,7 @@ class Triggered:
         return times
 
     def _extend(self, times: NDArray[np.float64]) -> bool:
-        """Add times [s] at which a condition is true to the windows; return whether there are any."""
+        """Add times [s] at which a condition is true to the windows; return whether there are any such times."""
         before, after = self._trigger.before, self._trigger.after
         apart = np.flatnonzero(np.diff(times) > before + after + SLACK) + 1
         for stretch in np.split(times, apart) if len(times) else ():
@@ -223,7 +223,7 @@ class Triggered:
             del self.windows[0]
 
     def _inside(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return for each of these times [s] whether it lies in a window."""
+        """Return for each of the times [s] whether it lies in a window."""
         if not self.windows:
             return np.zeros(len(times), dtype=bool)
         edges = np.array(self.windows)

@@ -1,4 +1,4 @@
-"""Requests of a run, and of an ECU alone: allowed values, meaning and default of each argument stand here once.
+"""Requests for a run, or for an ECU alone: allowed values, meaning and default of each argument in one place.
 
 Flags of the command line with their help, arguments of `liftgate_hil.run`, and their validation derive from it. A
 job is such a request with what surrounds it in this process.
@@ -33,12 +33,12 @@ def ticks_of(duration: float | None, rate: float) -> int | None:
 
 
 class Files:
-    """Kind of value: files of recordings, whose suffixes pick the formats."""
+    """Kind of an argument's value: files of recordings, whose suffixes determine the formats."""
 
     allowed = "a path, or a list of them"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
-        """Return the paths; issues where they are none, or have an unknown suffix. Raises ConfigError."""
+        """Return the paths in a value; adds issues where it has none, or an unknown suffix. Raises ConfigError."""
         from liftgate_hil.formats.open import check_file
 
         given = [value] if isinstance(value, str | Path) else value
@@ -72,7 +72,7 @@ Cpu = Annotated[int | None, Field(Whole(0, 1023), "the CPU of the loop in real t
 
 
 class RunSubject(Record, kw_only=False):
-    """Base of the request of a run: what is run."""
+    """Base class of the request for a run: the scenario, the ECU and the clock."""
 
     scenario: Annotated[AnyScenario | None, Field(SCENARIO, "what happens over time", metavar="NAME|FILE")] = None
     ecu: Annotated[Any, Field(Raw("reference, the path of a shared library, MODULE:CLASS, bus, or an object"),
@@ -82,7 +82,7 @@ class RunSubject(Record, kw_only=False):
 
 
 class RunRequest(RunSubject, SetupChoice, WireChoice):
-    """Request of a run of a scenario against an ECU."""
+    """Request for a run of a scenario against an ECU."""
 
     rig: OwnRig = None
     rate: Rate = 1000.0
@@ -111,12 +111,12 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
     # fmt: on
     @property
     def recordings(self) -> tuple[Path, ...]:
-        """Files of the recording."""
+        """Paths of the run's recordings."""
         return tuple(map(Path, listed(self.record)))
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Conditions of which one is true where the run is recorded; empty: all of it is."""
+        """Conditions of which any one triggers the recording; empty: the whole run is recorded."""
         return tuple(map(str, listed(self.record_when)))
 
     def limit(self) -> Limit | None:
@@ -130,7 +130,7 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
         return AROUND if before is None else before, AROUND if after is None else after
 
     def check(self) -> None:
-        """Validate the arguments, each and together. Raises ConfigError."""
+        """Validate the arguments, each by itself and in combination. Raises ConfigError."""
         super().check()
         if len({os.path.realpath(path) for path in self.recordings}) < len(self.recordings):
             names = ", ".join(str(path) for path in self.recordings)
@@ -167,7 +167,7 @@ class RigCheckRequest(VehicleChoice):
 
 # fmt: on
 def check_cpu(cpu: int | None) -> None:
-    """Raise ConfigError where a CPU is not one of those that this process may use."""
+    """Raise ConfigError where the CPU is not one of those that this process may use."""
     if cpu is None or not hasattr(os, "sched_getaffinity") or cpu in os.sched_getaffinity(0):
         return
     from liftgate_hil.loop.priority import allowed_cpus
@@ -180,7 +180,7 @@ PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process a
 
 @dataclass(frozen=True)
 class Job:
-    """A run as it is requested, in plain values where possible, so that another process can be given it."""
+    """Requested run, in plain values where possible, so that another process can receive it."""
 
     request: RunRequest
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
@@ -196,9 +196,9 @@ class Job:
 
     @property
     def is_episode(self) -> bool:
-        """Whether it runs in machine code, with the ECU in this process and waiting for nobody."""
+        """Whether the run is an episode: in compiled code, with the ECU in this process, as fast as possible."""
         return self.request.clock == "free" and self.request.ecu != ON_A_BUS
 
     def asking(self, **values: Any) -> Job:
-        """Return the job with other values in its request."""
+        """Return a copy of the job with changed values in its request."""
         return replace(self, request=self.request.replaced(**values))

@@ -1,4 +1,4 @@
-"""Check of a rig: what it maps, and whether it fits a vehicle and a rate."""
+"""Check of a rig: its mapped messages, and whether the rig fits a vehicle and a rate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from liftgate_hil.plan.setup import vehicle_from
 # fmt: off
 @dataclass(frozen=True)
 class RigReport(DescribedResult):
-    """What a rig maps, and whether it fits."""
+    """Result of a rig check: what the rig maps, and whether it fits a vehicle and a rate."""
 
     file: Annotated[Path, Shown("path of the rig")]
     database: Annotated[Path, Shown("path of the database")]
@@ -52,7 +52,7 @@ class RigReport(DescribedResult):
 
 # fmt: on
 def checked_rig(path: Path, request: RigCheckRequest) -> RigReport:
-    """Return what the rig of a file maps, and what is wrong with it. Raises ConfigError for the vehicle."""
+    """Check the rig of a file; return its mapping and all issues. Raises ConfigError for the vehicle."""
     vehicle = vehicle_from(request.vehicle, request.settings, draw=request.draw, ideal=request.ideal)
     rig, issues = read_rig(path)
     # What follows from a mapping that could not be read is no news beside the reason.

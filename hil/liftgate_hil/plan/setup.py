@@ -1,4 +1,4 @@
-"""The composition root: objects from files and values.
+"""The composition root: builds vehicle, rig, scenario and setup from files and values.
 
 No flags, no printing, no signal handlers: the command line, pytest and the rest of the API use this module.
 """
@@ -36,7 +36,7 @@ def vehicle_from(
 
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:
-    """Return which variant of a vehicle file is meant. Raises ConfigError."""
+    """Return the variant of a vehicle file that the arguments select. Raises ConfigError."""
     return Variant(None if draw is None else seed_of(draw, "draw"), bool(ideal))
 
 
@@ -58,7 +58,7 @@ def scenario_from(
 
 
 def _numbers(parameters: Mapping[str, float] | Sequence[str] | None) -> dict[str, float]:
-    """Return the parameters that replace a scenario's, by their names. Raises ConfigError."""
+    """Return parameters that replace a scenario's, as numbers by name. Raises ConfigError."""
     found: dict[str, float] = value_of("parameters", parameters or (), NumbersByName())
     return found
 
@@ -66,7 +66,7 @@ def _numbers(parameters: Mapping[str, float] | Sequence[str] | None) -> dict[str
 def vehicle_of(
     vehicle: str | Path | Vehicle, settings: Sequence[str] = (), variant: Variant = AS_FILED
 ) -> Vehicle:
-    """Return the vehicle given, or one loaded as a variant, with settings applied. Raises ConfigError."""
+    """Return the vehicle given, or load a variant of it by name or path, with settings. Raises ConfigError."""
     if isinstance(vehicle, str | Path):
         return load_vehicle(find_config("vehicles", str(vehicle)), settings_of(settings), variant)
     if not isinstance(vehicle, Vehicle):
@@ -80,7 +80,7 @@ def vehicle_of(
 
 
 def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
-    """Return the rig given, or loaded by name or path; None: the scenario's, else ours. Raises ConfigError."""
+    """Return the rig given, or load it by name or path; None: the scenario's or liftgate. Raises ConfigError."""
     if rig is None and scenario is not None and scenario.rig:
         return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
     rig = "liftgate" if rig is None else rig
@@ -95,7 +95,7 @@ def scenario_of(
     scenario: str | Path | ScenarioFile | Scenario | None,
     parameters: Mapping[str, float] | Sequence[str] | None = None,
 ) -> Scenario:
-    """Return the scenario given, or loaded with other parameters; None: an empty one. Raises ConfigError."""
+    """Return the scenario given, or load it with other parameters; None: an empty one. Raises ConfigError."""
     if isinstance(scenario, ScenarioFile):
         return scenario.scenario(_numbers(parameters))
     if isinstance(scenario, str | Path):
@@ -109,7 +109,7 @@ def scenario_of(
 
 
 def angle_from(initial: float | str, open_angle: float, others: str = "") -> float:
-    """Return the angle [rad] of "closed", "open" (`open_angle`, rad) or degrees.
+    """Return the angle [rad] that "closed", "open" (`open_angle`, rad) or a number of degrees means.
 
     `others` are words that the caller allows besides, for the error's text. Raises ConfigError.
     """
@@ -141,7 +141,7 @@ class Setup:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that it was loaded from, by purpose."""
+        """Files from which vehicle and scenario were loaded, by purpose."""
         found = {} if self.vehicle_file is None else {"vehicle": self.vehicle_file}
         if self.scenario_file is not None:
             found["scenario"] = self.scenario_file
@@ -150,14 +150,14 @@ class Setup:
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that it was made from, those of a loaded scenario and of its profiles too."""
+        """All input files of the setup, including those of a loaded scenario's profiles."""
         own = self.scenario
         return [*self.files.values(), *(Path(name) for name in (own.source, *own.included, *own.tables) if name)]
 
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return the setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
+        """Return this setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
         return replace(
             self,
             scenario=scenario,
@@ -168,7 +168,7 @@ class Setup:
 
 
 def setup_for(choice: SetupChoice) -> Setup:
-    """Return the setup for a choice. Raises ConfigError."""
+    """Build the setup from a request's choice of its values. Raises ConfigError."""
     return setup_of(
         choice.scenario,
         parameters=choice.parameters,
@@ -190,7 +190,7 @@ def setup_of(
     seed: int | None = None,
     variant: Variant = AS_FILED,
 ) -> Setup:
-    """Return the setup for these arguments; for None the scenario's value, else suv, closed, seed 0.
+    """Build the setup from these arguments; for None the scenario's value, else suv, closed, seed 0.
 
     `settings` come after the scenario's, and both after the variant. Raises ConfigError.
     """

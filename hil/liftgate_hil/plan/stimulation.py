@@ -1,4 +1,4 @@
-"""Stimulus plan of a scenario for a vehicle and a rig, and what became of its resets and bus-off faults."""
+"""Stimulus plan of a scenario for a vehicle and a rig, and the failures of its resets and bus-off faults."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _FIXED = {
 def planned_stimuli(
     setup: Setup, rig: Rig, is_on_bus: bool = False, awaited: Sequence[Request] = (), opening: Opening = CLOSED
 ) -> StimulusPlan:
-    """Return the stimulus plan of a run before its first tick.
+    """Build the stimulus plan of a run before its first tick.
 
     `opening` reserves space for faults that are injected during the run. With an ECU on a bus, the scenario's
     requests are sent as button presses of the rig; of requests in `awaited` only the moment is watched, and
@@ -69,7 +69,7 @@ def planned_stimuli(
 
 
 def opening_of(rig: Rig, has_operator: bool) -> Opening:
-    """Return what may be injected while a run on a rig's bus goes on.
+    """Return the faults, signals and messages that may be injected during a run on a rig's bus.
 
     An operator may set any signal that the rig can send, a test bench those that the rig's messages name.
     """
@@ -79,7 +79,7 @@ def opening_of(rig: Rig, has_operator: bool) -> Opening:
 
 
 def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
-    """Return a scenario's requests as presses of the rig's buttons, which are at rest before.
+    """Return a scenario's requests as presses of the rig's buttons, which are released before.
 
     Raises ConfigError for a request that the rig has no button for.
     """
@@ -105,7 +105,7 @@ def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
 
 
 def _resets_without_signal(scenario: Scenario, rig: Rig) -> list[Request]:
-    """Return a scenario's resets on a bus, where the rig resets by an ECUReset or a program, not a signal."""
+    """Return a scenario's resets that the rig makes on a bus by an ECUReset or a program, not by a signal."""
     reset = rig.driver.reset
     if reset is None or reset.way == "signal":
         return []
@@ -113,7 +113,7 @@ def _resets_without_signal(scenario: Scenario, rig: Rig) -> list[Request]:
 
 
 def reset_request_of(rig: Rig) -> bytes:
-    """Return the ECUReset request of a rig that has one."""
+    """Return the UDS request ECUReset that a rig's settings define."""
     assert rig.driver.reset is not None
     return services.reset_request(rig.driver.reset.uds)
 
@@ -127,7 +127,7 @@ def reset_not_made(stimuli: StimulusPlan, rig: Rig) -> str:
 
 
 def reset_failure(failure: int, rig: Rig) -> str:
-    """Return how an ECUReset of a scenario has failed (see `failure_of`); "": it has not."""
+    """Return the reason why a scenario's ECUReset failed (see `failure_of`); "": it has not failed."""
     reset = rig.driver.reset
     if reset is None or failure == NO_FAILURE:
         return ""
@@ -144,7 +144,7 @@ def off_not_made(scenario: Scenario, injected: Collection[str]) -> str:
 
 
 def offline_of(setup: Setup, step: float) -> Offline:
-    """Return the constants of `simulate`, at a step [s]: an unlatched gate without a bus. Raises ConfigError."""
+    """Return the constants of an offline simulation at a step [s]: unlatched gate, no bus. Raises ConfigError."""
     stimuli = _stimuli(setup.scenario, setup.vehicle, (), None)
     constants = constants_of(setup.vehicle)
     released = constants._replace(load=constants.load._replace(latch_released=1.0))
@@ -162,7 +162,7 @@ def offline_of(setup: Setup, step: float) -> Offline:
 
 
 def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Return timed requests to an ECU whose gate is elsewhere. Raises ConfigError where one awaits a condition."""
+    """Return timed requests to an ECU whose gate is in another process. Raises ConfigError for conditions."""
     issues = ConfigIssues("")
     for each in requests:
         if each.when.condition:
@@ -202,7 +202,7 @@ def _stimuli(
 
 
 def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: bytes) -> Tester | None:
-    """Return the tester that reads the scenario's trouble codes, or resets the ECU by `reset`; None: neither."""
+    """Return the tester that reads the scenario's trouble codes, or resets the ECU by `reset`; None: unneeded."""
     own, before = None if rig is None else rig.diagnostics, issues.count
     is_read = rig is not None and bool(codes_of(scenario.expectations, own, issues))
     if own is None or issues.count > before or not (is_read or reset):
@@ -215,7 +215,7 @@ def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: by
 def _conditions(
     scenario: Scenario, vehicle: Vehicle, messages: Messages | None, issues: ConfigIssues
 ) -> Callable[[Instant], Condition]:
-    """Return a function that returns the condition of a scenario's instant."""
+    """Return a function that returns the parsed condition of a scenario's instant."""
 
     def made(instant: Instant) -> Condition:
         try:
@@ -247,7 +247,7 @@ def injections_of(
 def _injections(
     faults: Sequence[Fault], vehicle: Vehicle, rig: Rig | None, issues: ConfigIssues, restbus: Collection[str] = ()
 ) -> list[Injection]:
-    """Return an injection for each fault; one with issues has only what could be determined."""
+    """Return an injection for each fault; a fault with issues gets only what could be determined."""
     changed = [_changed_by(each, vehicle, faults, issues) for each in faults]
     found = []
     for fault, own in zip(faults, changed, strict=True):
@@ -269,7 +269,7 @@ def _injections(
 
 
 def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
-    """Return the edits that a fault makes, except one of a key of the vehicle file."""
+    """Return a fault's changes (edits) of the gate's constants, except for a fault of a vehicle file's key."""
     kind, where = FAULT_KINDS[fault.kind], fault.where or "both"
     if fault.kind == "parameter" or kind.of not in (DRIVE, GATE):
         return []
@@ -282,7 +282,7 @@ def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
 
 
 def _with_others(fault: Fault, changed: Vehicle, faults: Sequence[Fault]) -> Vehicle:
-    """Return the vehicle with the possible values of all faults that are in force whenever `fault` is."""
+    """Return the vehicle with the valid values of all parameter faults that are in force whenever `fault` is."""
     for other in faults:
         key = other.values.get("key")
         if other.kind != "parameter" or key in (fault.values["key"], *_FIXED):
@@ -323,7 +323,7 @@ def _is_same(one: Instant, other: Instant) -> bool:
 def _changed_by(
     fault: Fault, vehicle: Vehicle, faults: Sequence[Fault], issues: ConfigIssues
 ) -> dict[str, tuple[float, float]]:
-    """Return the constants that a key of the vehicle file changes, from what to what; issues if it must not."""
+    """Return the constants that a parameter fault changes, as (before, after); adds issues if it must not."""
     if fault.kind != "parameter":
         return {}
     key, value = fault.values["key"], float(fault.values["value"])

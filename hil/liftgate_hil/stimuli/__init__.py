@@ -1,1 +1,1 @@
-"""Stimuli that act on the gate, and the driver's requests to the ECU."""
+"""Stimuli of a run: influences on the gate over time, and the driver's requests to the ECU."""

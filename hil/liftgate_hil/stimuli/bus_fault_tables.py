@@ -1,4 +1,4 @@
-"""The tables of faults on the bus: kinds, parameters, and their state from tick to tick."""
+"""Tables of the faults on the bus: kinds, parameters, and their state from tick to tick."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ QUEUED = np.dtype(
 
 
 class BusFault(NamedTuple):
-    """A fault on the bus that shall be injected."""
+    """Fault on the bus to be injected: its kind, direction and parameters."""
 
     kind: int
     direction: int  # SENT or RECEIVED, or both
@@ -76,7 +76,7 @@ class BusFault(NamedTuple):
 
 
 class BusFaults(NamedTuple):
-    """All faults on the bus of a run, and their state."""
+    """All faults on the bus of a run, and their state from tick to tick."""
 
     rows: Any  # (n,) BUS_FAULT
     held: Any  # (n, messages) HELD, frame before each fault; written in place, like the following
@@ -94,7 +94,7 @@ class BusFaults(NamedTuple):
 
 
 def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
-    """Return BUS_FAULT of a fault on the bus; `fault` is its row in `faults`."""
+    """Return the BUS_FAULT row of a fault on the bus; `fault` is its row in the table of all faults."""
     return (
         own.kind, own.direction, fault, own.identifier, own.probability, round(own.delay * 1e9), own.rate,
         own.seed, 0, 0, 0.0, -1,
@@ -104,7 +104,7 @@ def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
 def bus_faults_of(
     faults: Sequence[tuple[int, BusFault]], messages: int, slots: int = 0, always_received: Sequence[int] = ()
 ) -> BusFaults:
-    """Return the tables of faults, each with its row in `faults`, with `slots` free rows at the end.
+    """Build the tables of faults on the bus, each with its row in `faults`, with `slots` free rows at the end.
 
     The gate has at most `messages` messages in either direction. Frames with the identifiers `always_received` are
     received even while the gate is off its bus.

@@ -33,7 +33,7 @@ _FD_LENGTHS = LENGTHS[8:]
 
 
 class Passage(NamedTuple):
-    """Direction, time and bus tables that all frames of a tick in one direction share."""
+    """Direction, time, seed and bus tables that all frames of a tick in one direction share."""
 
     bus: BusConfig  # of the messages in this direction
     direction: int  # SENT or RECEIVED
@@ -51,7 +51,7 @@ def on_bus(
     now_ns: int,
     seed: int,
 ) -> Frames:
-    """Return the frames of a tick in a direction as the faults leave them.
+    """Return the frames of a tick in one direction after the faults on the bus have acted on them.
 
     The result is valid until the next tick. `shares` is how much of each fault is in force, `bus` what the gate
     sends or receives.
@@ -70,7 +70,7 @@ def on_bus(
 
 @compilable
 def note_force(faults: BusFaults, shares: NDArray[np.float64]) -> None:
-    """Note whether any fault on the bus is in force now; `shares` is how much of each fault is."""
+    """Update whether any fault on the bus is in force; `shares` is how much of each fault is."""
     faults.is_on[0] = 0
     for row in range(len(faults.rows)):
         own = faults.rows[row]
@@ -82,7 +82,7 @@ def note_force(faults: BusFaults, shares: NDArray[np.float64]) -> None:
 def impaired(
     faults: BusFaults, shares: NDArray[np.float64], frames: Frames, room: Frames, passage: Passage
 ) -> int:
-    """Apply the faults as described in `on_bus`, and return how many frames are in `room` then.
+    """Write the frames of a tick, after the faults have acted on them, to `room`; return their number.
 
     These are the frames whose delay is over, those of this tick, and those of babbling.
     """
@@ -101,7 +101,7 @@ def impaired(
 
 @compilable
 def forget_what_is_over(faults: BusFaults, shares: NDArray[np.float64]) -> None:
-    """Reset faults that are not in force, so that one that comes again starts from the beginning."""
+    """Reset the state of faults that are not in force, so that a recurring fault starts from the beginning."""
     for row in range(len(faults.rows)):
         if shares[faults.rows[row].fault] == 0.0:
             faults.rows[row].last_ns = -1
@@ -127,7 +127,7 @@ def keep_all(faults: BusFaults, bus: BusConfig, frames: Frames, direction: int) 
 
 @compilable
 def is_off(faults: BusFaults, shares: NDArray[np.float64]) -> bool:
-    """Whether the gate is off the bus."""
+    """Whether a bus-off fault keeps the gate off the bus."""
     off = False
     for row in range(len(faults.rows)):
         fault = faults.rows[row]
@@ -137,7 +137,7 @@ def is_off(faults: BusFaults, shares: NDArray[np.float64]) -> bool:
 
 @compilable
 def put_always_received(faults: BusFaults, frames: Frames, room: Frames) -> int:
-    """Put the frames that are received even while the gate is off the bus into `room`; return how many."""
+    """Copy the frames that are received even while the gate is off the bus to `room`; return their number."""
     count = 0
     for i in range(frames.count):
         for identifier in faults.always_received:
@@ -150,7 +150,7 @@ def put_always_received(faults: BusFaults, frames: Frames, room: Frames) -> int:
 
 @compilable
 def overdue(faults: BusFaults, room: Frames, direction: int, now_ns: int) -> int:
-    """Move the queued frames that are due into `room`; return how many."""
+    """Move the delayed frames that are due from the queue to `room`; return their number."""
     count, kept = 0, 0
     queue = faults.queue
     for i in range(faults.waiting[0]):
@@ -181,7 +181,7 @@ def put(
     count: int,
     passage: Passage,
 ) -> int:
-    """Put a frame, as the faults leave it, into `room` after the first `count`; return the new count."""
+    """Write a frame, after the faults have acted on it, to `room` at index `count`; return the new count."""
     if count >= MOST:
         return count
     direction, now_ns = passage.direction, passage.now_ns
@@ -201,7 +201,7 @@ def put(
 
 @compilable
 def copy_frame(source: Frames, here: int, target: Frames, there: int) -> None:
-    """Copy a frame from one row to another."""
+    """Copy row `here` of the source's frames to row `there` of the target's."""
     target.identifiers[there] = source.identifiers[here]
     target.lengths[there] = source.lengths[here]
     for k in range(MAX_BYTES):
@@ -212,7 +212,7 @@ def copy_frame(source: Frames, here: int, target: Frames, there: int) -> None:
 def left_of(
     faults: BusFaults, shares: NDArray[np.float64], room: Frames, place: int, passage: Passage
 ) -> tuple[int, int]:
-    """Apply the faults to a frame in `room`; return how many copies of it are left, and their delay [ns]."""
+    """Apply the faults to a frame in `room`; return the number of its copies (0: lost) and their delay [ns]."""
     bus, direction, seed = passage.bus, passage.direction, passage.seed
     message = message_in(bus, room, place)
     copies, delay_ns = 1, 0
@@ -241,7 +241,7 @@ def left_of(
 
 @compilable
 def next_in_chain(faults: BusFaults, shares: NDArray[np.float64], row: int) -> int:
-    """Return the row of the next fault that acts on a frame, after `row` (-1: the first); -1: no more.
+    """Return the row of the next fault to be applied to a frame, after `row` (-1: the first); -1: no more.
 
     The scenario's faults come first, in force or not, in their order; then injected ones with a share above 0, by
     rank.
@@ -270,7 +270,7 @@ def drawn(fault: Any, seed: int) -> float:
 
 @compilable
 def enqueue(faults: BusFaults, room: Frames, place: int, direction: int, due_ns: int) -> None:
-    """Queue a frame of `room` until it is due; it is lost if there is no room in the queue."""
+    """Queue a frame of `room` until it is due; the frame is lost if the queue has no room."""
     waiting = faults.waiting[0]
     if waiting >= len(faults.queue):
         return
@@ -284,7 +284,7 @@ def enqueue(faults: BusFaults, room: Frames, place: int, direction: int, due_ns:
 
 @compilable
 def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, place: int, seed: int) -> None:
-    """Change a frame of `room` by a fault."""
+    """Apply a fault that changes the content of a frame to a frame of `room`."""
     table, data, length = bus.messages[message], room.data, room.lengths[place]
     if fault.kind == kinds.CORRUPTED:
         if length > 0:
@@ -311,7 +311,7 @@ def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, pl
 
 @compilable
 def other_length(length: int) -> int:
-    """Return the next shorter length that a payload can have; one byte for an empty payload."""
+    """Return the next shorter valid payload length; 1 for an empty payload."""
     if length <= 8:
         return length - 1 if length > 0 else 1
     shorter = 8
@@ -331,7 +331,7 @@ def babble(
     now_ns: int,
     origins: NDArray[np.int64],
 ) -> int:
-    """Put the frames of babbling into `room` after the first `count`; return the new count."""
+    """Add the due frames of a babbling fault to `room` after the first `count`; return the new count."""
     if fault.kind != kinds.BABBLING or fault.direction != direction or shares[fault.fault] == 0.0:
         return count
     if fault.last_ns < 0:  # the first frame at once
@@ -354,7 +354,7 @@ def babble(
 
 @outlined
 def restamp(faults: BusFaults, count: int, stamps: NDArray[np.int64], now_ns: int) -> None:
-    """Set the arrival timestamps of received frames: those of the frames that they result from, or now."""
+    """Set the arrival timestamps of received frames: those of the original frames, or now for added ones."""
     for i in range(count):
         origin = faults.origins[i]
         faults.stamps[i] = stamps[origin] if origin >= 0 else now_ns
@@ -364,7 +364,7 @@ def restamp(faults: BusFaults, count: int, stamps: NDArray[np.int64], now_ns: in
 
 @compilable
 def message_in(bus: BusConfig, frames: Frames, place: int) -> int:
-    """Return the message of a frame; -1: it is not a data frame of a message in the bus table."""
+    """Return the message index of a frame in the bus table; -1: not a data frame, or its message is not there."""
     identifier = int(frames.identifiers[place])
     return -1 if identifier & (ERROR | REMOTE) else find_message(bus, identifier & ~FD_FLAGS)
 
@@ -378,7 +378,7 @@ def is_meant(fault: Any, bus: BusConfig, message: int, direction: int) -> bool:
 
 @compilable
 def keep(held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
-    """Keep a frame of a message in `held`."""
+    """Store a frame of a message in `held`."""
     table = bus.messages[message]
     held.is_held, held.length = 1, frames.lengths[place]
     held.identifier, held.counter = table.identifier, -1
@@ -390,13 +390,13 @@ def keep(held: Any, bus: BusConfig, message: int, frames: Frames, place: int) ->
 
 @compilable
 def holds(held: Any, table: Any) -> bool:
-    """Whether a frame of a message is kept in `held`."""
+    """Whether `held` contains a frame of a message."""
     return bool(held.is_held != 0 and held.identifier == table.identifier)
 
 
 @compilable
 def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
-    """Keep a frame that a fault will hold if it comes into force before the next frame."""
+    """Store a frame in `held` for a fault that will repeat it once it is in force (frozen message or counter)."""
     is_whole = frames.lengths[place] == bus.messages[message].length
     if fault.kind == kinds.FROZEN or (fault.kind == kinds.COUNTER and is_whole):
         keep(held, bus, message, frames, place)
@@ -404,14 +404,14 @@ def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Fra
 
 @compilable
 def keep_last(faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int) -> None:
-    """Keep the last frame of a message as it was delivered."""
+    """Store a message's last frame as it was delivered."""
     if message < faults.last.shape[1]:
         keep(faults.last[direction - 1, message], bus, message, frames, place)
 
 
 @compilable
 def find_held(faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int) -> None:
-    """Copy the frame that was delivered last to a fault that has just been injected, as the one it holds."""
+    """Copy the frame delivered last to `held` of a newly injected fault that freezes a message or its counter."""
     if fault.kind not in (kinds.FROZEN, kinds.COUNTER) or message >= faults.last.shape[1]:
         return
     table, last = bus.messages[message], faults.last[direction - 1, message]
@@ -424,7 +424,7 @@ def find_held(faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message:
 
 @compilable
 def stand_still(held: Any, bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> None:
-    """Set the counter of a frame to that of the held frame, with a correct checksum."""
+    """Set a frame's counter to that of the held frame, and its checksum to match."""
     table = bus.messages[message]
     if table.counter < 0:
         return

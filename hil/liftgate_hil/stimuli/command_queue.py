@@ -1,4 +1,4 @@
-"""The command queue: whatever acts on a gate while it runs, posted by a program, a test bench or an operator.
+"""Command queue: commands to a running gate, posted by a program, a test bench or an operator.
 
 One side posts, the loop takes all that has come at the beginning of its next tick; neither waits. Faults go into
 slots that the tables of the stimulus plan keep free.
@@ -33,7 +33,7 @@ HELD_TIMING = Timing(**{name: getattr(HELD, name) for name in Timing._fields})
 
 
 def nothing_held() -> NDArray[np.float64]:
-    """Return the held values before the first command."""
+    """Return the array of held values before the first command: all NaN."""
     return np.full(len(NAMES), np.nan)
 
 
@@ -70,7 +70,7 @@ CLOSED = Opening(0, (), ())
 
 
 class CommandQueue(NamedTuple):
-    """Commands that wait for the next tick, and the rows that the tables keep free for their faults."""
+    """Queue of commands that wait for the next tick, with their faults and the rows reserved for these."""
 
     head: NDArray[np.int64]  # (2,) commands posted (by the posting side), commands taken (by the loop)
     commands: Any  # (LENGTH,) COMMAND
@@ -94,12 +94,12 @@ def command_queue_of(slots: int, faults: FaultPlan, bus_faults: BusFaults) -> Co
 
 
 def has_room(queue: CommandQueue, commands: int) -> bool:
-    """Whether this number of commands can be posted now."""
+    """Whether the queue has room for this number of commands now."""
     return bool(queue.head[0] - queue.head[1] + commands <= LENGTH)
 
 
 def post_values(queue: CommandQueue, values: Mapping[str, float]) -> bool:
-    """Post held values by their names; return False, and post none of them, where the queue has no room."""
+    """Post held values by their names; return False, and post none, where the queue has no room."""
     runs: list[tuple[int, list[float]]] = []  # the first one's place, and those held one after the other
     for place in sorted(map(NAMES.index, values)):
         if not runs or runs[-1][0] + len(runs[-1][1]) != place or len(runs[-1][1]) == _MOST_VALUES:
@@ -118,7 +118,7 @@ def post_values(queue: CommandQueue, values: Mapping[str, float]) -> bool:
 def post_fault(
     queue: CommandQueue, slot: int, injection: Injection | None, places: Mapping[str, int], layer: int
 ) -> None:
-    """Post a fault for a slot, in force from the next tick until another command ends it; None ends it.
+    """Post a fault for a slot, in force from the next tick until another command ends it; None: end it.
 
     A fault that is in the slot already goes on with the new edits. `places` are those of the constants in their
     row. The fault is applied after those of lower layers and those injected before.
@@ -140,7 +140,7 @@ def post_fault(
 
 
 def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float, rest: float, layer: int) -> None:
-    """Post a value for a signal of the restbus in a layer, valid from the next tick on; see COMMAND."""
+    """Post a value for a restbus signal in a layer, valid from the next tick on; see COMMAND."""
     command = _next_of(queue)
     command.what, command.place, command.value = _SIGNAL, place, value
     command.instead_of, command.rest, command.layer = instead_of, rest, layer
@@ -148,13 +148,13 @@ def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float
 
 
 def post_reset(queue: CommandQueue) -> None:
-    """Post a reset of the ECU, which the stimulus plan's tester makes."""
+    """Post a reset of the ECU by the stimulus plan's tester."""
     _next_of(queue).what = _RESET
     queue.head[0] += 1
 
 
 def _next_of(queue: CommandQueue) -> Any:
-    """Return the row of the next command; it counts once `head` says so."""
+    """Return the row for the next command; the loop reads it once `head` is advanced."""
     return queue.commands[int(queue.head[0]) % LENGTH]
 
 
@@ -168,7 +168,7 @@ def take_commands(
     tester: Tester,
     now: float,
 ) -> None:
-    """Apply the posted commands at a time [s]."""
+    """Apply the posted commands at a time [s] of the scenario."""
     posted = queue.head[0]
     while queue.head[1] < posted:
         at = queue.head[1] % LENGTH
@@ -192,7 +192,7 @@ def take_commands(
 
 @compilable
 def begin(queue: CommandQueue, faults: FaultPlan, bus_faults: BusFaults, at: int, now: float) -> None:
-    """Begin, change or end the fault in a command's slot now."""
+    """Begin, change or end the fault in a command's slot at a time [s]."""
     command, own = queue.commands[at], queue.faults[at]
     row = queue.first[0] + command.place
     fault = faults.rows[row]
@@ -216,7 +216,7 @@ def begin(queue: CommandQueue, faults: FaultPlan, bus_faults: BusFaults, at: int
 
 @compilable
 def begin_on_bus(queue: CommandQueue, bus_faults: BusFaults, at: int, rank: int) -> None:
-    """Begin a command's fault in the table of faults on the bus."""
+    """Write a command's fault to its slot in the table of faults on the bus."""
     own, row = queue.bus[at], queue.first[1] + queue.commands[at].place
     fault = bus_faults.rows[row]
     fault.kind, fault.direction, fault.fault = own.kind, own.direction, own.fault

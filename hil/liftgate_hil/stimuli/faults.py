@@ -1,4 +1,4 @@
-"""Faults as tables (which constants each changes, and when), and the current row of the gate's constants."""
+"""Faults as tables (changed constants, times), and the gate's constants in force after these changes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _FOREVER = 1e300
 
 @dataclass(frozen=True)
 class Edit:
-    """A fault's change of one of the gate's constants: `how` is SET, SCALE or ADD."""
+    """Change of one of the gate's constants by a fault: `how` is SET, SCALE or ADD."""
 
     name: str  # such as plant.left.spring.health
     how: int
@@ -49,7 +49,7 @@ class Edit:
 
 
 class Injection(NamedTuple):
-    """A fault that shall be injected: what it changes in the gate or on the bus, and when."""
+    """Fault to be injected: its changes in the gate or on the bus, and its times."""
 
     edits: tuple[Edit, ...]
     start: Instant = START
@@ -62,7 +62,7 @@ class Injection(NamedTuple):
 
 
 class FaultPlan(NamedTuple):
-    """All faults of a run, and the constants in force."""
+    """All faults of a run, and the gate's constants in force."""
 
     rows: Any  # (n,) FAULT
     edits: Any  # EDIT
@@ -74,7 +74,7 @@ class FaultPlan(NamedTuple):
 
 
 def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0) -> FaultPlan:
-    """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
+    """Build the fault tables of a gate, with `slots` free rows at the end; their instants go to the sheet."""
     sound = row_of(constants)
     places = {name: place for place, name in enumerate(numbers_of(constants))} if injections else {}
     rows: list[tuple[float, ...]] = []
@@ -103,7 +103,7 @@ def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Shee
 
 @compilable
 def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
-    """Return how much of a fault is in force at a time [s], 0 to 1, and when that changes next.
+    """Return how much of a fault is in force at a time [s], 0 to 1, and the time [s] of the next change.
 
     A fault that waits for a moment begins or ends once the moment has come.
     """
@@ -133,7 +133,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 @outlined
 def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Update the shares of all faults and the row in force; return whether the row has changed."""
+    """Update the shares of all faults and the constants in force; return whether these have changed."""
     faults.next[0] = _FOREVER
     changed, bits = False, 0
     for place in range(len(faults.rows)):
@@ -154,13 +154,13 @@ def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
 
 @compilable
 def is_changed(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Whether the row in force changes at a time [s]; if so, it is updated."""
+    """Whether the constants in force change at a time [s]; if so, they are updated."""
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 
 @compilable
 def put_together(faults: FaultPlan) -> None:
-    """Compute the row in force: the constants, changed by one fault after the other.
+    """Compute the constants in force: those without faults, changed by one fault after the other.
 
     Faults of the scenario come first, in the order of the file, then injected ones, in the order of their
     injection.
@@ -183,7 +183,7 @@ def put_together(faults: FaultPlan) -> None:
 
 @compilable
 def next_injected(faults: FaultPlan, first: int, rank: int) -> int:
-    """Return the injected fault in force with the next higher rank, from row `first` on; -1: none."""
+    """Return the row of the injected fault in force with the next higher rank, from row `first` on; -1: none."""
     found = -1
     for place in range(first, len(faults.rows)):
         own = faults.rows[place].rank
@@ -195,7 +195,7 @@ def next_injected(faults: FaultPlan, first: int, rank: int) -> int:
 
 @compilable
 def change(faults: FaultPlan, place: int) -> None:
-    """Change the row in force by a fault, in proportion to its share."""
+    """Apply a fault's changes to the constants in force, in proportion to its share."""
     row, fault, share = faults.row, faults.rows[place], faults.shares[place]
     if share == 0.0:
         return

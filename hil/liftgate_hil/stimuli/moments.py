@@ -1,4 +1,4 @@
-"""When something begins or ends: at a time, or once a condition has become true.
+"""Moments at which stimuli begin or end: at a time, or once a condition has become true.
 
 Conditions see the row of the tick before, and the frames up to it: what they start acts from the next tick on.
 """
@@ -46,7 +46,7 @@ _TIME = COLUMN_PLACE["time_s"]
 
 @dataclass(frozen=True)
 class Instant:
-    """A time [s], or `delay` [s] after the first time that a condition is true."""
+    """A time [s], or `delay` [s] after the first time at which a condition is true."""
 
     time: float = 0.0
     condition: str = ""
@@ -59,7 +59,7 @@ START, NEVER = Instant(0.0), Instant(math.inf)
 
 
 class Moments(NamedTuple):
-    """The moments that are decided by conditions, and what is known of them so far."""
+    """Table of the moments that conditions decide, with the times of those that have come."""
 
     rows: Any  # (n,) MOMENT
     conditions: Conditions
@@ -81,7 +81,7 @@ class Sheet:
         self.instants: list[Instant] = []
 
     def place(self, instant: Instant, after: tuple[float, int] = (0.0, BY_TIME)) -> tuple[float, int]:
-        """Return the time and the row of the moment of an instant, of which one counts.
+        """Add an instant; return its time [s] and the row of its moment, only one of which is valid.
 
         Its condition does not count before `after`, which is such a pair, too.
         """
@@ -92,7 +92,7 @@ class Sheet:
         return math.nan, len(self._rows) - 1
 
     def moments(self, conditions: Sequence[Condition], messages: Mapping[str, Message]) -> Moments:
-        """Return the table of moments; `conditions` are those of `instants`."""
+        """Build the table of moments; `conditions` are those of `instants`."""
         signals = list(dict.fromkeys(name for each in conditions for name in each.names(codes.SIGNAL)))
         count = len(self._rows)
         rows = [(*row, *necessary(conditions[row[0]])) for row in self._rows]
@@ -114,7 +114,7 @@ _MIRRORED = {codes.LT: codes.GT, codes.LE: codes.GE, codes.GT: codes.LT, codes.G
 
 
 def necessary(condition: Condition) -> _Range:
-    """Return a column's place in the row and the range, both ends included, that it is in if a condition is true.
+    """Return a column's place in a row, and the closed range that it is in whenever a condition is true.
 
     This check alone decides most ticks. The place is -1 if no comparison of a column with a number is decisive.
     """
@@ -133,7 +133,7 @@ def necessary(condition: Condition) -> _Range:
 
 
 def _of_two(code: int, left: _Range | str | float | None, right: _Range | str | float | None) -> _Range | None:
-    """Return what is known of two operands that an operation joins."""
+    """Return the range that follows from an operation on two operands being true; None: no range is known."""
     if code == codes.AND:
         return next((each for each in (left, right) if isinstance(each, tuple)), None)
     if isinstance(right, str) and code in _MIRRORED:
@@ -151,26 +151,26 @@ def no_moments() -> Moments:
 
 
 def moved(instant: Instant, delay: float) -> Instant:
-    """Return the instant with another delay [s] after its condition."""
+    """Return an instant with another delay [s] after its condition."""
     return replace(instant, delay=delay)
 
 
 @compilable
 def time_of(moments: Moments, time: float, moment: int) -> float:
-    """Return the time [s] of a time and a moment's row; NaN: it is not known yet."""
+    """Return the time [s] of an instant, given its time and its moment's row; NaN: not known yet."""
     return time if moment < 0 else float(moments.when[moment])
 
 
 @outlined
 def note_frames_for(moments: Moments, frames: Frames) -> None:
-    """Update the bus signals that conditions refer to from frames."""
+    """Update the bus signals that the conditions of moments refer to, from frames."""
     for i in range(frames.count):
         watch(moments.bus, moments.values[0], int(frames.identifiers[i]), int(frames.lengths[i]), frames.data, i)
 
 
 @compilable
 def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Update signals and moments from a tick, and return whether a moment has come with it."""
+    """Update signals and moments from a tick; return whether any moment has come with the tick."""
     if len(moments.bus.messages) > 0:
         note_frames_for(moments, given)
         note_frames_for(moments, heard)
@@ -190,5 +190,5 @@ def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Fram
 
 @compilable
 def note_moments(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Whether a moment has come with this tick, which has this row (1, ROW_WIDTH) and these frames."""
+    """Update the moments from a tick's row (1, ROW_WIDTH) and frames; return whether any moment has come."""
     return moments.pending[0] != 0 and look(moments, rows, given, heard)

@@ -1,4 +1,4 @@
-"""Requests to the ECU: the driver's buttons, and resets."""
+"""Timed requests to the ECU: the driver's buttons, and resets."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ REQUEST = np.dtype(
 
 @dataclass(frozen=True)
 class Request:
-    """A request to the ECU, one of REQUESTS, and when it is made."""
+    """Request to the ECU, one of REQUESTS, with its instant."""
 
     when: Instant
     action: str
 
 
 def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
-    """Return requests as a table for the loop: by their times, then those that wait for a condition."""
+    """Return requests as a table for the loop: sorted by time, then those that wait for a condition."""
     rows = []
     for each in requests:
         time, moment = sheet.place(each.when)
@@ -50,13 +50,13 @@ def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
 
 
 def by_the_clock(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Return requests at times, and an empty table of moments."""
+    """Return the table of requests that have times, and an empty table of moments."""
     sheet = Sheet()
     return requests_of(requests, sheet), sheet.moments((), {})
 
 
 class Requests(NamedTuple):
-    """All requests of a run."""
+    """Table of all requests of a run, with those that have been made."""
 
     rows: Any  # (n,) REQUEST, in the order in which those of one tick are made
     made: NDArray[np.int64]  # (2,) leading rows that are made; 1: none waits for a moment
@@ -64,7 +64,7 @@ class Requests(NamedTuple):
 
 @compilable
 def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_ns: int) -> bool:
-    """Whether a request is due now: at a time by the ECU's clock, at a moment by the gate's."""
+    """Whether a request is due now: for a time by the ECU's clock, for a moment by the gate's."""
     request = requests.rows[place]
     if request.is_made != 0:
         return False
@@ -75,7 +75,7 @@ def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_n
 
 @compilable
 def first_open(requests: Requests, now_ns: int) -> int:
-    """Return the first request that may be due at a time [ns], or the number of requests where none is."""
+    """Return the index of the first request that may be due at a time [ns], or the number of requests for none."""
     count = len(requests.rows)
     if requests.made[0] == count:
         return count
@@ -87,7 +87,7 @@ def first_open(requests: Requests, now_ns: int) -> int:
 
 @compilable
 def take_due(requests: Requests, moments: Moments, now_ns: int) -> int:
-    """Mark the requests that are due at a time [ns] by the gate's clock as made, and return how many."""
+    """Mark the requests that are due at a time [ns] by the gate's clock as made; return their number."""
     found, place = 0, first_open(requests, now_ns)
     while place < len(requests.rows):
         if is_due(requests, place, moments, now_ns, now_ns):

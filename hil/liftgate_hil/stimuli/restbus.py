@@ -54,7 +54,7 @@ CHANGE = np.dtype(
 
 @dataclass(frozen=True)
 class SignalChange:
-    """The change of a signal (`Message.Signal`) to a value [the database's unit] at an instant.
+    """Change of a signal (`Message.Signal`) to a value [the database's unit] at an instant.
 
     If `pressed` is given, the signal changes from that value only.
     """
@@ -67,7 +67,7 @@ class SignalChange:
 
 @dataclass(frozen=True)
 class BusTables:
-    """Tables of the messages that a bench sends: a rig's outputs, and the options of its messages."""
+    """Messages that a bench sends: a rig's outputs and message options, as a source of tables for the loop."""
 
     messages: Messages
     outputs: Sequence[SignalMapping]
@@ -76,14 +76,14 @@ class BusTables:
 
     @cached_property
     def sent(self) -> BusConfig:
-        """The gate's messages as tables for the loop. Raises ConfigError."""
+        """Tables of the gate's messages for the loop. Raises ConfigError."""
         issues = ConfigIssues(self.source)
         found = self.with_signals((), issues)
         issues.raise_if_any()
         return found
 
     def with_signals(self, names: Sequence[str], issues: ConfigIssues) -> BusConfig:
-        """Return the tables of the gate's messages, with signals (`Message.Signal`) of others beside them."""
+        """Return the tables of the gate's messages, together with other messages' signals (`Message.Signal`)."""
         mappings = [*self.outputs, *map(mapping_named, names)]
         quantities = {**BUS_OUTPUTS, **dict.fromkeys(names, ANY)}
         return build_bus_config(self.messages, mappings, self.options, quantities, issues, True)
@@ -93,7 +93,7 @@ NO_BUS = BusTables(Messages(), (), {})
 
 
 class Restbus(NamedTuple):
-    """The restbus of a run; without signals it sends nothing."""
+    """Restbus of a run, with the values of its signals; without signals it sends nothing."""
 
     bus: BusConfig
     everything: BusConfig  # all that the bench sends: the gate's messages and the restbus
@@ -108,7 +108,7 @@ class Restbus(NamedTuple):
 def restbus_of(
     changes: Sequence[SignalChange], sheet: Sheet, tables: BusTables = NO_BUS, later: Sequence[str] = ()
 ) -> Restbus:
-    """Return the restbus of the signals that change, and of those that may get a value `later`.
+    """Build the restbus of the signals that change, and of those that may get a value `later`.
 
     The former must belong to messages with a cycle that nobody else sends. Messages of the latter are not sent
     before they have a value.
@@ -144,13 +144,13 @@ def restbus_of(
 
 
 def start_value_of(messages: Mapping[str, Message], name: str) -> float:
-    """Return the start value of a signal, named as MESSAGE.SIGNAL [the database's unit]."""
+    """Return the start value [the database's unit] of a signal named MESSAGE.SIGNAL."""
     message, signal = name.split(".")
     return start_value(messages[message].get_signal_by_name(signal))
 
 
 def hand_over(before: Restbus, after: Restbus) -> None:
-    """Continue counter and cycle of the messages of `after` where those of `before` are."""
+    """Continue the counters and cycles of the messages that both restbuses send from `before` in `after`."""
     known = [int(each["identifier"]) for each in before.bus.messages]
     for row, message in enumerate(after.bus.messages):
         if int(message["identifier"]) in known:
@@ -180,7 +180,7 @@ def with_restbus(restbus: Restbus, moments: Moments, frames: Frames, time: float
 
 @outlined
 def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
-    """Make the changes that are due."""
+    """Make the signal changes that are due at a time [s]."""
     values = restbus.scheduled
     for row in range(len(restbus.changes)):
         change = restbus.changes[row]
@@ -194,7 +194,7 @@ def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
 
 @compilable
 def settle(restbus: Restbus, place: int) -> None:
-    """Set a signal to the value of the highest layer that has one."""
+    """Set a restbus signal to the value of the highest layer that has one."""
     value = restbus.scheduled[place]
     for layer in range(len(restbus.commanded)):
         if not np.isnan(restbus.commanded[layer, place]):
@@ -204,7 +204,7 @@ def settle(restbus: Restbus, place: int) -> None:
 
 @outlined
 def beside(restbus: Restbus, frames: Frames, now_ns: int) -> int:
-    """Put the gate's frames, and those of the restbus that are due, into `room`; return how many there are."""
+    """Write the gate's frames, and those of the restbus that are due, to `room`; return their number."""
     own = transmit(restbus.bus, restbus.transmission, now_ns, False)
     count = 0
     for source in (frames, own):

@@ -1,4 +1,4 @@
-"""Sampled inputs of an offline simulation: a sample holds until the next one."""
+"""Sampled inputs of an offline simulation: each sample is held until the next one."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Samples:
-    """Sampled inputs: times (n,) [s] and, per known column of INPUT_COLUMNS, values (n,)."""
+    """Sampled inputs: times (n,) [s], and values (n,) for each known column of INPUT_COLUMNS."""
 
     times: Floats
     columns: Mapping[str, Floats]
 
     def rows_at(self, times: Floats) -> Floats:
-        """Return rows (m, inputs) of INPUT_COLUMNS at these times; NaN before the first sample, and if unknown."""
+        """Return rows (m, inputs) of INPUT_COLUMNS at given times; NaN before the first sample, and if unknown."""
         index = np.searchsorted(self.times, times, side="right") - 1
         rows = np.full((len(times), len(INPUT_COLUMNS)), np.nan)
         for place, name in enumerate(INPUT_COLUMNS):
@@ -32,6 +32,6 @@ class Samples:
 
 
 def constant_voltage(volts: float) -> Samples:
-    """Return a step of the motor voltage at time 0, on both drives."""
+    """Return the samples of a step of the motor voltage [V] at time 0, on both drives."""
     value = np.array([volts])
     return Samples(np.zeros(1), {"left_voltage_v": value, "right_voltage_v": value})

@@ -1,4 +1,4 @@
-"""The stimulus plan of a run: all that acts on it, and its progress, which the loops carry from tick to tick.
+"""Stimulus plan of a run: all influences on the gate, and their progress, which loops carry from tick to tick.
 
 Precedence for a quantity: the scenario's profile, over it the bus panel, over both the API and the dashboard. The
 panel's frames are read by the tick itself.
@@ -101,7 +101,7 @@ def stimulus_plan_of(
     bus: Bus = NOTHING_SENT,
     opening: Opening = CLOSED,
 ) -> StimulusPlan:
-    """Return the stimulus plan of a gate with these constants, before the first tick."""
+    """Build the stimulus plan of a gate with these constants, before the first tick."""
     tables = bus.tables
     sheet = Sheet()
     timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
@@ -129,13 +129,13 @@ def stimulus_plan_of(
 
 @compilable
 def not_made(stimuli: StimulusPlan) -> float:
-    """Return how many stimuli could not be applied."""
+    """Return the number of stimuli that could not be applied."""
     return float(stimuli.not_made[0] + stimuli.not_made[1])
 
 
 @compilable
 def take_posted(stimuli: StimulusPlan, time: float) -> None:
-    """Apply the commands that were posted, at a time [s]."""
+    """Apply the commands posted to the queue, at a time [s] of the scenario."""
     queue = stimuli.queue
     if queue.head[0] != queue.head[1]:
         take_commands(
@@ -155,14 +155,14 @@ def turns(stimuli: StimulusPlan, time: float) -> bool:
 
 @compilable
 def note_tick(stimuli: StimulusPlan, rows: NDArray[np.float64], given: Frames, heard: Frames) -> None:
-    """Update the moments from a tick: its row (1, ROW_WIDTH) and its frames in both directions."""
+    """Update the moments from a tick: from its row (1, ROW_WIDTH) and its frames in both directions."""
     if note_moments(stimuli.moments, rows, given, heard):
         stimuli.faults.next[0] = _AT_ONCE
 
 
 @compilable
 def received(stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
-    """Return the frames that reach the gate, as the faults on the bus leave them; `bus` is what it receives.
+    """Return the frames that reach the gate after the faults on the bus; `bus`: the messages that it receives.
 
     The tester receives the same frames.
     """
@@ -173,7 +173,7 @@ def received(stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int,
 
 @compilable
 def sent(stimuli: StimulusPlan, frames: Frames, ticks: int, step_ns: int, seed: int) -> Frames:
-    """Return the frames that others receive when the gate sends `frames` after so many plant steps.
+    """Return the frames that other nodes receive when the gate sends `frames` after a number of plant steps.
 
     They include those of the restbus and of the tester, and are as the faults on the bus leave them.
     """
@@ -189,13 +189,13 @@ def sent(stimuli: StimulusPlan, frames: Frames, ticks: int, step_ns: int, seed: 
 
 @outlined
 def note_resets(stimuli: StimulusPlan, now_ns: int) -> None:
-    """Pass the scenario's requests due at its time [ns] to the tester: resets, where there are any."""
+    """Pass the scenario's resets that are due at a scenario time [ns] to the tester."""
     for _ in range(take_due(stimuli.requests, stimuli.moments, now_ns)):
         wants_reset(stimuli.tester)
 
 
 class Outside(NamedTuple):
-    """Stimuli that act during one tick."""
+    """Stimuli from outside the plant that act during one tick."""
 
     profiles: Surroundings  # the scenario's, their mean over the tick; NaN: none
     supply_rise: float  # V, rise of the scenario's supply over the tick
@@ -213,7 +213,7 @@ class Outside(NamedTuple):
 def outside_at(
     stimuli: StimulusPlan, time: float, step: float, ticks_missed: int, is_silent: bool, is_stop: bool
 ) -> Outside:
-    """Return the stimuli that act during the step [s] from a time on."""
+    """Return the stimuli that act during the step [s] that begins at a time [s]."""
     timeline, held = stimuli.timeline, stimuli.held
     return Outside(
         profiles=profiles_over(timeline, time, step),

@@ -1,4 +1,4 @@
-"""The surroundings of the gate over time: a scenario's profiles and obstacles, as tables for the loop.
+"""Timeline of the gate's surroundings: a scenario's profiles and obstacles over time, as tables for the loop.
 
 An object obstructs the gate only once the gate has been clear of it.
 """
@@ -38,7 +38,7 @@ OBSTACLE = np.dtype(
 
 
 class Timeline(NamedTuple):
-    """Profiles in the units of files, one row per column of Surroundings, and obstacles in SI; times in [s]."""
+    """Profiles in units of files, one row per column of Surroundings, and obstacles in SI; times in [s]."""
 
     channels: Any  # (columns of Surroundings,) CHANNEL
     knots: NDArray[np.float64]  # (knots, 2): time, value
@@ -46,14 +46,14 @@ class Timeline(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """A quantity over time: points (time, value), interpolated linearly or held."""
+    """Profile of a quantity over time: points (time, value), interpolated linearly or held."""
 
     points: Sequence[tuple[float, float]]
     is_linear: bool = True
 
 
 class TimedObstacle(NamedTuple):
-    """An obstacle and when it is present."""
+    """Obstacle, with the instants at which its presence starts and ends."""
 
     obstacle: Obstacle
     start: Instant = START
@@ -63,7 +63,7 @@ class TimedObstacle(NamedTuple):
 def timeline_of(
     profiles: Mapping[str, Profile], obstacles: Sequence[TimedObstacle] = (), sheet: Sheet | None = None
 ) -> Timeline:
-    """Return the tables of profiles, by columns of Surroundings, and of obstacles; moments go to the sheet."""
+    """Build the tables of profiles, by columns of Surroundings, and of obstacles; instants go to the sheet."""
     sheet = sheet or Sheet()
     channels = np.zeros(len(Surroundings._fields), dtype=CHANNEL)
     knots: list[tuple[float, float]] = []
@@ -86,7 +86,7 @@ def timeline_of(
 
 @compilable
 def value_at(timeline: Timeline, place: int, time: float) -> float:
-    """Return a profile's value; NaN before its first knot, after its last knot the last value."""
+    """Return a profile's value at a time [s]; NaN before the first knot, the last value after the last knot."""
     profile = timeline.channels[place]
     if profile.count == 0:
         return np.nan
@@ -110,7 +110,7 @@ def value_at(timeline: Timeline, place: int, time: float) -> float:
 
 @compilable
 def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float:
-    """Return how much a profile rises over the step [s] from a time on; NaN: it has not begun.
+    """Return a profile's rise over the step [s] that begins at a time [s]; NaN: the profile has not begun.
 
     A held profile changes between steps, so that it does not rise.
     """
@@ -121,7 +121,7 @@ def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float
 
 @compilable
 def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
-    """Return the values of the profiles over the step [s] from a time on; NaN where there is none.
+    """Return the profiles' values over the step [s] that begins at a time [s]; NaN where there is no profile.
 
     For a linear profile it is the mean over the step, which is that of its ends.
     """
@@ -136,7 +136,7 @@ def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
 
 @compilable
 def supply_rise_over(timeline: Timeline, time: float, step: float) -> float:
-    """Return how much the supply voltage [V] rises over the step [s] from a time on."""
+    """Return the supply voltage's rise [V] over the step [s] that begins at a time [s]."""
     rise = rise_over(timeline, _SUPPLY, time, step)
     return 0.0 if np.isnan(rise) else rise
 
@@ -162,7 +162,7 @@ def obstacle_at(timeline: Timeline, moments: Moments, time: float) -> Obstacle:
 
 
 class ObstacleArming(NamedTuple):
-    """The last obstacle; `clear` is 1.0 once the gate has been clear of it since it was put there, else 0.0."""
+    """The last obstacle; `clear` is 1.0 once the gate has been clear of it since its placement, else 0.0."""
 
     obstacle: Obstacle
     clear: float
@@ -173,7 +173,7 @@ NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
 
 @compilable
 def is_same_place(a: Obstacle, b: Obstacle) -> bool:
-    """Whether an obstacle has stayed in its place."""
+    """Whether two obstacles are at the same place, so that the obstacle has not moved."""
     return (
         a.stiffness > 0.0
         and a.angle == b.angle
@@ -186,7 +186,7 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
 
 @compilable
 def armed(arming: ObstacleArming, obstacle: Obstacle, angle: float) -> tuple[ObstacleArming, Obstacle]:
-    """Return the new arming state and the obstacle as it acts on the gate.
+    """Return the new arming state, and the obstacle as it acts on the gate.
 
     An obstacle that is put where the gate already is (a rod under the closed gate) does not act before the gate
     has been clear of it.

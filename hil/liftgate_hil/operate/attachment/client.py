@@ -27,7 +27,7 @@ _ALLOWED = "the process of a run (liftgate-hil --bus …)"
 
 
 class Client:
-    """Connection to the run of a process: its `memory`, and its `description`.
+    """Client connection to the run of a process, with the run's `memory` and `description`.
 
     Raises ConfigError where there is no run within `patience` [s].
     """
@@ -77,7 +77,7 @@ class Client:
         return self._answer(self._ask({"lines": lines}))
 
     def command(self, command: object) -> JsonObject:
-        """Send a command, and return `done` and `time_s`; {}: the run stands still, and executes it later.
+        """Send a command; return its reply, `done` and `time_s`; {}: the run stands still, and executes it later.
 
         Raises ConfigError where it is refused, RunGoneError.
         """
@@ -88,14 +88,14 @@ class Client:
         return self._ask({"command": command})
 
     def done(self, number: int) -> JsonObject:
-        """Return the reply to a posted command, see `command`."""
+        """Return the reply to a posted command by its number, see `command`."""
         answer = self._answer(number)
         if "issues" in answer:
             raise ConfigError(answer["issues"])
         return answer
 
     def _ask(self, question: JsonObject) -> int:
-        """Send a question, and return its number."""
+        """Send a question to the run, and return the question's number."""
         self._count += 1
         packed = endpoint.packed({"id": self._count, **question})
         try:
@@ -108,7 +108,7 @@ class Client:
         return self._count
 
     def _keep(self, come: bytes) -> None:
-        """Keep the replies in what has come, and how the run has ended. Raises ValueError."""
+        """Store the replies in received bytes, and the report of the run's end, if any. Raises ValueError."""
         found = self._arrivals.take(come)
         for each in found:
             if "end" in each:
@@ -117,7 +117,7 @@ class Client:
         self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
 
     def _answer(self, number: int) -> JsonObject:
-        """Return the reply to a question; {}: none in time. The latest replies to others are kept."""
+        """Return the reply to the question with a number; {}: none in time. Other recent replies are stored."""
         end = time.monotonic() + _PATIENCE_S
         while time.monotonic() < end:
             for each in self._answers:

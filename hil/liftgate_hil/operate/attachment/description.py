@@ -1,4 +1,4 @@
-"""Description of a run for the clients that attach: what it is made of, and what can be commanded."""
+"""Description of a run for the clients that attach: vehicle, rig, scenario, and the possible commands."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from liftgate_plant.vehicle import Vehicle
 
 @dataclass(frozen=True)
 class Description:
-    """Description of a run on a bus, see `as_json`."""
+    """Description of a run on a bus for clients, see `as_json`."""
 
     setup: Setup
     rig: Rig
@@ -44,7 +44,7 @@ class Description:
     has_ecu: bool = False  # in the run's own process
 
     def as_json(self, memory: Memory) -> bytes:
-        """Return what a client needs to read the memory and to show what can be commanded."""
+        """Return the description as JSON: layout of the memory, vehicle, scenario, and the possible commands."""
         setup, rows = self.setup, memory.sizes
         content = {
             "version": version(),
@@ -70,12 +70,12 @@ class Description:
 
 
 def _whole(path: str) -> str:
-    """Return an absolute path, for clients in other folders; "": none."""
+    """Return the absolute form of a path, for clients in other folders; "" stays ""."""
     return str(Path(path).resolve()) if path else ""
 
 
 def stimuli_of(scenario: Scenario) -> list[str]:
-    """Return a scenario's requests and stimuli in words; commands override them."""
+    """Return a scenario's requests and stimuli as texts; commands override them."""
     found = [f"request {each.action}{_when(each.when)}" for each in scenario.requests]
     for name, profile in scenario.stimuli.profiles.items():
         times = [time for time, _ in profile.points]
@@ -93,7 +93,7 @@ def stimuli_of(scenario: Scenario) -> list[str]:
 
 
 def expectations_of(scenario: Scenario) -> dict[str, str]:
-    """Return what a scenario expects, by the names of the expectations, with numbers for parameters."""
+    """Return the formulas of a scenario's expectations by name, with numbers in place of parameters."""
     return {each.name: each.with_numbers(scenario.parameters).formula for each in scenario.expectations}
 
 
@@ -119,7 +119,7 @@ def _span(start: Instant, end: Instant) -> str:
 
 
 def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> Mapping[str, object]:
-    """Return what an operator can command, with the ranges.
+    """Return the commands that an operator can give, with their ranges.
 
     To an ECU in the run's process all requests can be made, to another one those that the rig defines buttons or a
     reset for.

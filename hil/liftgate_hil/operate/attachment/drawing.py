@@ -1,4 +1,4 @@
-"""What is drawn of a gate: its geometry over its angle, and the obstacle and springs that act on it now."""
+"""Data for the drawing of a gate: its geometry over its angle, and the obstacle and springs that act now."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def geometry_of(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _turned(point: Point, hinge: Any, angles: Any) -> Any:
-    """Return a point of the closed gate at each angle (n,) [rad]: (n, 2) [m]."""
+    """Return a point of the closed gate, turned about the hinge by each angle (n,) [rad]: (n, 2) [m]."""
     x, y = np.array(point) - hinge
     cos, sin = np.cos(angles), np.sin(angles)
     return hinge + np.column_stack([x * cos - y * sin, x * sin + y * cos])
@@ -90,7 +90,7 @@ def _turned(point: Point, hinge: Any, angles: Any) -> Any:
 
 @dataclass(frozen=True)
 class Acting:
-    """Obstacle and springs of a run's gate, from the stimuli and the reception that its loop writes in place."""
+    """Obstacle and spring health of a run's gate, from stimuli and reception that its loop writes in place."""
 
     vehicle: Vehicle
     config: LoopConfig
@@ -98,7 +98,7 @@ class Acting:
     reception: Reception
 
     def at(self, time_s: float) -> Mapping[str, object]:
-        """Return obstacle and springs at a time [s] of the scenario.
+        """Return the obstacle and the springs' health at a time [s] of the scenario.
 
         `obstacle` has angle_deg, distance [m] and meets, None: there is none; `spring_health` the share of its
         force that each drive's spring has.
@@ -113,7 +113,7 @@ class Acting:
         return {"obstacle": None if rod.stiffness == 0.0 else described, "spring_health": springs}
 
     def _obstacle(self, time_s: float) -> Obstacle:
-        """Return the obstacle with the precedence of a tick: what was commanded, a panel's, the scenario's."""
+        """Return the obstacle by a tick's precedence: the commanded one, a test bench panel's, the scenario's."""
         commanded: Obstacle = picked(self.stimuli.held, HELD_OBSTACLE)
         if not math.isnan(commanded.stiffness):
             return commanded
@@ -123,7 +123,7 @@ class Acting:
 
     @functools.cached_property
     def _places(self) -> dict[str, int]:
-        """Places of the springs' health among the gate's constants, by drive."""
+        """Index of each drive's spring health among the gate's constants, by side."""
         names = list(numbers_of(constants_of(self.vehicle)))
         sides = ("left", "right")[: self.vehicle.drives]
         return {side: names.index(f"plant.{side}.spring.health") for side in sides}

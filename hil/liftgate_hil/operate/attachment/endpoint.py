@@ -26,7 +26,7 @@ _HEAD = struct.Struct("<I")  # header of a message: its length
 
 
 def _places() -> list[Path]:
-    """Return where a user's sockets may be, with or without XDG_RUNTIME_DIR; a run takes the first usable one."""
+    """Return the folders for a user's sockets, with or without XDG_RUNTIME_DIR; runs take the first usable one."""
     given, own, runtime = os.environ.get("XDG_RUNTIME_DIR"), os.getuid(), Path(_RUNTIME.format(os.getuid()))
     found = [Path(given) / _NAME] if given and not _is_foreign(Path(given)) else []
     found += [runtime / _NAME] if not _objection(runtime) else []
@@ -34,7 +34,7 @@ def _places() -> list[Path]:
 
 
 def _is_foreign(path: Path) -> bool:
-    """Whether a folder belongs to somebody else, as XDG_RUNTIME_DIR does after `sudo` or `su`."""
+    """Whether a folder belongs to another user, as XDG_RUNTIME_DIR does after `sudo` or `su`."""
     try:
         return path.stat().st_uid != os.getuid()
     except OSError:
@@ -42,7 +42,7 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _objection(path: Path) -> str:
-    """Return why sockets cannot be in a folder, and what helps; "": it is private, and this user's."""
+    """Return why a folder cannot hold sockets, and the remedy; "": it is private, and this user's."""
     try:
         found = path.lstat()
     except OSError as error:
@@ -57,7 +57,7 @@ def _objection(path: Path) -> str:
 
 
 def folder() -> Path:
-    """Return, and make, the private folder in which runs listen. Raises ConfigError with what each place lacks."""
+    """Create, where missing, and return the private folder in which runs listen. Raises ConfigError."""
     issues = []
     for path in _places():
         with contextlib.suppress(OSError):  # the folder is looked at in any case
@@ -70,23 +70,23 @@ def folder() -> Path:
 
 
 def _folders() -> list[Path]:
-    """Return the folders in which sockets of this user's runs may be."""
+    """Return the usable ones of the folders for this user's sockets."""
     return [path for path in _places() if not _objection(path)]
 
 
 def unusable() -> str:
-    """Return in parentheses which folders could hold this user's sockets, but must not; "": there is none."""
+    """Return in parentheses the folders that could hold this user's sockets, but are not usable; "": none."""
     issues = [_objection(path) for path in _places() if os.path.lexists(path)]
     return f" ({'; '.join(filter(None, issues))})" if any(issues) else ""
 
 
 def path_of(pid: int) -> Path:
-    """Return the socket of a run of this process. Raises ConfigError."""
+    """Return the path of the socket of the run in process `pid`. Raises ConfigError."""
     return folder() / f"{pid}{SUFFIX}"
 
 
 def sockets() -> dict[int, int]:
-    """Return the ids of the processes with a socket, rising, and when each was made [ns]; killed runs leave it."""
+    """Return the creation time [ns] of each socket by its process id, rising; killed runs leave their socket."""
     found: dict[int, int] = {}
     for place in _folders():
         with contextlib.suppress(OSError), os.scandir(place) as entries:
@@ -106,7 +106,7 @@ def runs() -> list[int]:
 
 
 def _is_heard(pid: int) -> bool:
-    """Whether a run listens on its socket; a socket that a killed run has left is removed."""
+    """Whether a process's run listens on its socket; a socket that a killed run has left is removed."""
     try:
         connected(pid).close()
     except OSError:
@@ -171,7 +171,7 @@ def listening(pid: int) -> Iterator[socket.socket]:
 
 
 def packed(message: Any) -> bytes:
-    """Return the bytes of a message: its length in four bytes, then the message as JSON.
+    """Return a message as bytes: its length in four bytes, then the message as JSON.
 
     Raises ConfigError where it is longer than LONGEST, nested too deeply, or nothing that JSON can represent.
     """
@@ -185,13 +185,13 @@ def packed(message: Any) -> bytes:
 
 
 class Arrivals:
-    """Buffer of the bytes received on a connection, which splits them into messages, see `packed`."""
+    """Buffer of the bytes received on a connection, which splits the bytes into messages, see `packed`."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def take(self, come: bytes) -> list[Any]:
-        """Add bytes, and return the messages that are complete. Raises ValueError for one too long or not JSON."""
+        """Add received bytes, and return the complete messages. Raises ValueError for one too long or not JSON."""
         self._bytes += come
         found = []
         while len(self._bytes) >= _HEAD.size:

@@ -1,4 +1,4 @@
-"""Phase of a run, as clients are told it."""
+"""Phase of a run, as clients see it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _STILL_S = 1.0  # s without a look of the thread that executes commands, after w
 
 
 class PhaseTracker:
-    """Tracks the phase of a run from what its loop reports; `now` is a monotonic clock [s].
+    """Tracks the phase of a run from the reports of its loop; `now` is a monotonic clock [s].
 
     LATE while ticks were missed in the last two seconds, or while the run stands still, as one that waits for its
     ECU does: commands are executed only when it continues.
@@ -25,11 +25,11 @@ class PhaseTracker:
         self._missed_at = self._looked_at = -1e9
 
     def is_ready(self) -> None:
-        """Note that all is compiled and open."""
+        """Note that the run is ready: all is compiled and open."""
         self._phase, self._looked_at = READY, self._now()
 
     def runs(self, overruns: int) -> None:
-        """Note a report of the running loop, with the ticks that it has missed so far."""
+        """Note that the loop runs, with the number of ticks that it has missed so far."""
         if overruns > self._overruns:
             self._overruns, self._missed_at = overruns, self._now()
         self._phase = RUNNING
@@ -39,12 +39,12 @@ class PhaseTracker:
         self._looked_at = self._now()
 
     def has_ended(self) -> None:
-        """Note the end of the run."""
+        """Note that the run has ended."""
         self._phase = ENDED
 
     @property
     def phase(self) -> str:
-        """The phase now, one of PHASES."""
+        """Current phase of the run, one of PHASES."""
         if self._phase != RUNNING:
             return self._phase
         now = self._now()

@@ -41,7 +41,7 @@ _AT_ONCE = 20  # commands executed between two turns of an ECU in this process
 
 
 class RunEnd(NamedTuple):
-    """End of a run, as its clients are told it.
+    """End of a run, as it is reported to its clients.
 
     `ending` is its verdict, or what stands in its place: STOPPED or GIVEN_UP. `exit_code` is that of its process;
     None: unknown. `pinch_peak_n` is the largest pinch force, `pinch_peak_s` when that was; None: nothing was
@@ -58,7 +58,7 @@ class RunEnd(NamedTuple):
 
 
 class Server(Relay):
-    """Server of a run: a listener that passes everything on to its own.
+    """Server of a run for its clients: a listener that forwards all calls to another listener.
 
     `pid` is the process that was started for the run, `verdicts` returns those that are known so far.
     """
@@ -82,33 +82,33 @@ class Server(Relay):
     # Listener: what the run reports.
 
     def say(self, text: str) -> None:
-        """Log a text, and pass it on."""
+        """Log a message, and forward it."""
         self._note(text)
         self.listener.say(text)
 
     def alarm(self, text: str) -> None:
-        """Log an alarm, keep it for the clients, and pass it on."""
+        """Log an urgent message, store it for the clients, and forward it."""
         self._alarms.append(self._note(text))
         self.listener.alarm(text)
 
     def starts(self, what: str) -> None:
-        """Log what is about to run, and pass it on."""
+        """Log the start of a run, and forward it."""
         self._note(what)
         self.listener.starts(what)
 
     def happened(self, time_s: float, text: str) -> None:
-        """Log an event of the ECU at a time [s], and pass it on."""
+        """Log an event of the ECU at a time [s], and forward it."""
         self._note(f"ecu {time_s:.3f} s: {text}")
         self.listener.happened(time_s, text)
 
     def status(self, status: RunStatus) -> None:
-        """Keep the latest status for clients, and pass it on."""
+        """Store the latest status for the clients, and forward it."""
         self._status = status
         self._phases.runs(status.overruns)
         self.listener.status(status)
 
     def ready(self) -> None:
-        """Note that the run is about to begin, and pass it on."""
+        """Note that the run is ready to begin, and forward it."""
         self._phases.is_ready()
         self.listener.ready()
 
@@ -122,7 +122,7 @@ class Server(Relay):
     # Clients.
 
     def open(self, description: Description, memory: Memory, operator: Operator) -> None:
-        """Accept clients from now on; where that is not possible, report it, and the run goes on without."""
+        """Accept clients from now on; where that is not possible, report it, and the run goes on without them."""
         self._operator = operator
         operator.report = self._report
         content = description.as_json(memory)
@@ -154,7 +154,7 @@ class Server(Relay):
         return bool(self._connections)
 
     def ends(self, end: RunEnd) -> None:
-        """Keep how the run has ended, for the clients."""
+        """Store the report of the run's end for the clients."""
         self._phases.has_ended()
         self._end_report = {
             **end._asdict(),
@@ -163,7 +163,7 @@ class Server(Relay):
         }
 
     def close(self) -> None:
-        """Tell the clients how the run has ended, close all connections, and accept no more."""
+        """Send the clients the report of the run's end, close all connections, and accept no more."""
         self._phases.has_ended()
         if self._thread is None:
             return
@@ -209,7 +209,7 @@ class Server(Relay):
         selector.register(wire, selectors.EVENT_READ, connection)
 
     def _hear(self, connection: _Connection) -> bool:
-        """Handle what a client has sent; False: close its connection."""
+        """Handle the messages that a client has sent; False: close its connection."""
         try:
             questions = connection.read()
         except (OSError, ValueError):  # disconnected, or it does not keep to the protocol
@@ -217,7 +217,7 @@ class Server(Relay):
         return all(isinstance(each, dict) and self._take(connection, each) for each in questions)
 
     def _take(self, connection: _Connection, asked: Mapping[str, object]) -> bool:
-        """Handle a question of a client; False: close its connection."""
+        """Handle one question of a client; False: close its connection."""
         number = asked.get("id")
         if not isinstance(number, int | None):
             return False
@@ -250,7 +250,7 @@ class Server(Relay):
     # Observer: called by the thread that supervises the loop.
 
     def look(self, frames: Any, now: float) -> None:
-        """Execute the commands that wait, and release buttons that are due, at a time [s]."""
+        """Execute the commands that wait, and release the buttons that are due at a time [s]."""
         operator = self._operator
         if operator is None:
             return
@@ -278,28 +278,28 @@ class Server(Relay):
             connection.answer({"id": number, "done": done, "time_s": now})
 
     def _report(self, now: float, done: str) -> None:
-        """Log a command that was executed at a time [s]."""
+        """Log that a command was executed at a time [s]."""
         self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
 
 
 def _in_short(verdict: Verdict) -> Mapping[str, object]:
-    """Return what clients are told of a verdict while the run goes on."""
+    """Return the fields of a verdict that clients get while the run goes on."""
     own = ("name", "verdict", "margin", "margin_unit", "time_s")
     return {**{name: getattr(verdict, name) for name in own}, **_in_words(verdict)}
 
 
 def _in_full(verdict: Verdict) -> Mapping[str, object]:
-    """Return what clients are told of a verdict at the end."""
+    """Return the fields of a verdict that clients get at the end of the run."""
     return {**asdict(verdict), **_in_words(verdict)}
 
 
 def _in_words(verdict: Verdict) -> dict[str, str]:
-    """Return a verdict's margin and times as they are printed."""
+    """Return the texts of a verdict's margin and times."""
     return {"margin_text": margin_text(verdict), "times_text": times_text(verdict)}
 
 
 class _Connection:
-    """Connection to a client; two threads send replies on it."""
+    """Connection to one client, on which two threads send replies."""
 
     def __init__(self, wire: socket.socket) -> None:
         self._wire, self._arrivals = wire, endpoint.Arrivals()
