@@ -35,7 +35,7 @@ class Counting:
         return (1 << bits) - 1 if self.highest is None else self.highest
 
     def columns(self, bits: int) -> dict[str, int]:
-        """Return the columns of tables.MESSAGE that describe a counter of `bits` bits."""
+        """Return the values of tables.MESSAGE's columns on a counter of `bits` bits, by column name."""
         span = self.highest_value(bits) - self.lowest + 1
         grain = math.gcd(self.step, span)
         modulus = span // grain

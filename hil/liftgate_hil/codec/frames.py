@@ -38,7 +38,7 @@ CANFD_BRS, CANFD_ESI, CANFD_FDF = 1, 2, 4
 
 @compilable
 def with_frame_flags(identifier: int, flags: int) -> int:
-    """Return an identifier with the flags of `struct liftgate_frame`; only CAN FD frames have BRS and ESI."""
+    """Return an identifier with FD, BRS and ESI of `struct liftgate_frame`'s flags; unchanged without FD."""
     return identifier | (flags & _FRAME_FLAGS) << 32 if flags & FRAME_FD else identifier
 
 

@@ -52,7 +52,7 @@ FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
 
 
 def topics_of(columns: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return the columns of each topic, and the prefix that their field names omit; each has `time_s`, too."""
+    """Return each topic's columns and the prefix that each one's field omits; `time_s`, in all, is not listed."""
     topics: dict[str, dict[str, str]] = {}
     for name in columns:
         if name != "time_s":

@@ -25,7 +25,7 @@ PRIORITY_BESIDE = 10  # above all threads without such scheduling
 
 
 class Realtime:
-    """Requests to the machine for real time: locked memory, a CPU, and FIFO scheduling.
+    """Asks the machine for real time: locked memory, a CPU, and FIFO scheduling; keeps what is refused.
 
     What the process gets holds until `release`; what is refused is listed in `refused`. `cpu` is the CPU for the
     threads that `enter`; None: `best_cpu`. Where the user `has_asked`, no deep sleep of the CPUs is requested,

@@ -193,7 +193,7 @@ class Summary(DescribedResult):
         return f"injected by the test bench {times}, {self.injections_refused} refused{text}"
 
     def _link_lines(self) -> list[str]:
-        """Return a line on the faults of the link; none if there were none."""
+        """Return a line on the losses and errors of the link; none if there were none."""
         link = self.link._replace(before_start=0)  # which is no fault
         if not any(link):
             return []

@@ -35,7 +35,7 @@ class Program:
         self._is_stopped = False
 
     def start(self) -> None:
-        """Start the program; call this once only."""
+        """Start the rig's reset program in its thread; call this once only."""
         self._thread.start()
 
     @property

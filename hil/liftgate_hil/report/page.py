@@ -82,7 +82,7 @@ def subheading(title: str) -> str:
 
 
 def bullets(texts: Sequence[str]) -> str:
-    """Return a bulleted list; empty where there are no texts."""
+    """Return an HTML list with bullets; empty where there are no texts."""
     if not texts:
         return ""
     return "<ul>\n" + "\n".join(f"<li>{text(each)}</li>" for each in texts) + "\n</ul>"

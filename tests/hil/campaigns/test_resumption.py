@@ -144,7 +144,7 @@ def test_another_version_is_reported_with_its_package(folder: Folder, scenario: 
         *({"seconds_each": each} for each in (None, [], math.nan)),
     ],
 )
-def test_a_manifest_without_timing_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
+def test_a_manifest_with_invalid_timing_is_refused(pace: dict[str, Any], folder: Folder, scenario: Path) -> None:
     found = campaign_of(scenario)
     begun(folder, found, **pace)
     told = f"{folder.path / MANIFEST}: seconds_each, workers: allowed: as the campaign has written them"

@@ -221,7 +221,7 @@ def test_a_former_name_of_a_quantity_is_refused_with_its_present_name(tmp_path: 
     ]
 
 
-def test_a_direction_without_open_and_close_is_refused(tmp_path: Path) -> None:
+def test_a_direction_with_neither_open_nor_close_is_refused(tmp_path: Path) -> None:
     """With a direction the sign of the duty is ignored, so that such a motor would never be driven."""
     wired = '[inputs]\nleft_duty = "Cmd.Pwm"\nleft_direction = { signal = "Cmd.Dir", values = {VALUES} }\n'
     one_way = rig('left_current = "Out.X"', wired.replace("VALUES", "coast = 0, open = 1"))

@@ -408,7 +408,7 @@ def test_checksums_over_all_cycles_include_collected_loads_only_when_a_motion_en
         assert np.array_equal(same.course, other.course) != has_changed_state
 
 
-def test_checksums_over_all_cycles_are_the_same_in_machine_code() -> None:
+def test_checksums_over_all_control_cycles_are_the_same_in_machine_code_and_python() -> None:
     ours, plain = new_memory(2), new_memory(2)
     random = np.random.default_rng(1)
     for k in range(20):

@@ -990,7 +990,7 @@ def test_time_an_ecu_in_this_process_waits_is_bench_delay_and_its_run_time_is_no
     assert (longest_delay(run) > 0.25) == is_the_bench
 
 
-def test_a_run_that_can_no_longer_be_judged_ends_without_further_messages(ready: Callable[..., RealtimeRun]):
+def test_a_run_that_can_no_longer_be_judged_ends_without_a_last_progress_report(ready: Callable[..., RealtimeRun]):
     told: list[bool] = []
 
     class Monitor:

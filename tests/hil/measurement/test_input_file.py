@@ -152,7 +152,7 @@ def test_the_duties_of_a_recording_are_inputs_held_from_their_row_on(tmp_path: P
     assert "a recording of the emulator" in notes[0]
 
 
-def test_the_voltages_of_a_recording_are_inputs_only_if_mapped(tmp_path: Path) -> None:
+def test_mapped_voltages_of_a_recording_are_inputs_in_place_of_its_duties(tmp_path: Path) -> None:
     maps = parse_maps(["left_voltage_v=left_voltage_v"])
     samples, _ = read_samples(table(tmp_path, RECORDED), maps)
     assert "left_duty" not in samples.columns

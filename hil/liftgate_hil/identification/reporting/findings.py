@@ -259,7 +259,7 @@ def has_offset(series: Series) -> bool:
 
 
 def _offset(series: Series) -> str:
-    """Return the warning on an output whose errors are mostly an offset."""
+    """Return the text of the warning that an output's errors are mostly an offset."""
     size = f"{significant(abs(series.mean), 2)} {column_label(series.output)[1]}".rstrip()
     side = "above" if series.mean > 0.0 else "below"
     return f"{_name(series)} is {size} {side} the simulation on average: has its sensor an offset?"

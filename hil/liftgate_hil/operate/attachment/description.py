@@ -75,7 +75,7 @@ def _whole(path: str) -> str:
 
 
 def stimuli_of(scenario: Scenario) -> list[str]:
-    """Return a scenario's requests and stimuli as texts; commands override them."""
+    """Return a scenario's requests and stimuli as texts, whether or not commands override them."""
     found = [f"request {each.action}{_when(each.when)}" for each in scenario.requests]
     for name, profile in scenario.stimuli.profiles.items():
         times = [time for time, _ in profile.points]
