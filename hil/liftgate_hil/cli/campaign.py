@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `campaign` to its parser."""
     add_flags(parser, CampaignRequest)
     parser.add_argument("--replay", metavar="VARIANT", help="run a variant again and compare it bit by bit")
     add_flags(parser, RunRequest, "record")
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `campaign` and return its exit code."""
     # Before numpy is loaded: on busy CPUs, threads of the BLAS make a search of small matrices 15 times slower.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaigns.command import campaigned
@@ -65,7 +65,7 @@ def run(call: Call) -> int:
 
 @contextlib.contextmanager
 def _ended_in_order(stop: StopSignals) -> Iterator[None]:
-    """Context that gives a failure after a stop the exit code of the stop."""
+    """Context in which a failure after a stop signal gets the exit code of that signal."""
     from liftgate_hil.campaigns.store import KEPT, StoreError
 
     try:
@@ -79,7 +79,7 @@ def _ended_in_order(stop: StopSignals) -> Iterator[None]:
 
 
 def line_of(state: State) -> str:
-    """Return the state of a campaign as a line."""
+    """Return the state of a campaign as one line of text."""
     parts = [f"{state.done}/{state.count or '?'} variants", f"{state.per_second:.1f} a second"]
     if state.retried:
         parts.append(f"{state.retried} tried again")
@@ -87,7 +87,7 @@ def line_of(state: State) -> str:
 
 
 def _found(outcome: CampaignOutcome) -> Iterator[str]:
-    """Yield what a search for the worst, or for a probability, has found, as lines."""
+    """Yield the results of a search for the worst case, or for a failure probability, as lines."""
     from liftgate_hil.campaigns.folder import WORST_FILE, replay_line
     from liftgate_hil.campaigns.prepared import units_of
 
@@ -140,7 +140,7 @@ def _summarise(outcome: CampaignOutcome, is_quiet: bool) -> None:
 
 
 def _replay(call: Call) -> int:
-    """Run a variant of a campaign again; exit code 0: it is as the campaign saw it, to the bit."""
+    """Run a variant of a campaign again; exit code 0: its result is identical to the campaign's, bit by bit."""
     from liftgate_hil.campaigns.replay import replayed
     from liftgate_hil.cli.terminal.suite_teller import QuietListener
     from liftgate_hil.cli.terminal.teller import Teller

@@ -30,17 +30,17 @@ _FLAGS: dict[str, str] = {}  # of the command whose flags were added last, by th
 
 
 def forget_flags() -> None:
-    """Forget what arguments are called: those of another command are added next."""
+    """Clear the table of flag names before the flags of another command are added."""
     _FLAGS.clear()
 
 
 def as_flags(text: str) -> str:
-    """Return a message of the API with its arguments, `so_named`, replaced by the command's flags: --so-named."""
+    """Return a message of the API with its argument names, `so_named`, replaced by the flags: --so-named."""
     return _ARGUMENT.sub(lambda match: _FLAGS.get(match[1], "--" + match[1].replace("_", "-")), text)
 
 
 def of_kind(kind: Kind) -> Callable[[str], Any]:
-    """Return an argparse type that reads the values of a kind."""
+    """Return an argparse type that parses values of a kind."""
 
     def convert(text: str) -> Any:
         value: Any = text
@@ -58,7 +58,7 @@ def of_kind(kind: Kind) -> Callable[[str], Any]:
 def add_flags(
     parser: argparse.ArgumentParser, record: type[Record], *names: str, placed: str = "", **defaults: Any
 ) -> None:
-    """Add a flag, or where it is required an argument, for fields of a record; `defaults` replace theirs.
+    """Add a flag, or where required a positional argument, for fields of a record; `defaults` replace theirs.
 
     Without names all fields get theirs. The field `placed` is an argument, too, which may be left out. What is
     required and says how its flag is called is a flag nevertheless. A field without a meaning is not in the help.
@@ -98,7 +98,7 @@ def add_flags(
 
 
 def add_printed(parser: argparse.ArgumentParser, quiet: str = "no messages but errors", json: str = "") -> None:
-    """Add `--quiet`, and `--json` where it has a meaning."""
+    """Add `--quiet`, and `--json` if `json` has a help text."""
     parser.add_argument("--quiet", action="store_true", help=quiet)
     if json:
         parser.add_argument("--json", action="store_true", help=json)
@@ -106,7 +106,7 @@ def add_printed(parser: argparse.ArgumentParser, quiet: str = "no messages but e
 
 @dataclass(frozen=True)
 class Call:
-    """Call of a command: the values of its flags, and how it was called."""
+    """Call of a command: the values of its flags, its command line, and whether it owns the process."""
 
     values: Mapping[str, Any]
     owns_process: bool = False  # the program was started for it
@@ -123,16 +123,16 @@ class Call:
         return bool(self.values.get("json"))
 
     def request(self, record: type[Asked]) -> Asked:
-        """Return the record of the flags that are its fields. Raises ConfigError."""
+        """Return a validated record made from the flags of the same names as its fields. Raises ConfigError."""
         return self.unchecked(record).validated()
 
     def unchecked(self, record: type[Asked]) -> Asked:
-        """Return the record of the flags that are its fields, not validated: by who reports what is wrong."""
+        """Return a record made from the flags of the same names, not validated: the caller reports the issues."""
         names = [each.name for each in fields_of(record) if each.name in self.values]
         return record(**{name: self.values[name] for name in names})
 
     def deliver(self, result: Made, text: Callable[[Made], str], issues: Sequence[str] = ()) -> None:
-        """Print a result as the flags ask; raise ConfigError with the issues of files that were not written."""
+        """Print a result as text, as JSON or not at all; raise ConfigError with the issues of unwritten files."""
         if self.is_json:
             print(result.to_json(), flush=True)
         elif not self.is_quiet:

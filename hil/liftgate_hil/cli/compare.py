@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `compare` to its parser."""
     add_flags(parser, CompareRequest)
     add_printed(parser, json="print the differences as JSON")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `compare` and return its exit code."""
     request = call.request(CompareRequest)
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.compare import compared
@@ -68,7 +68,7 @@ def _lines(found: Comparison, names: tuple[object, object]) -> list[str]:
 
 
 def _cells(found: Difference) -> tuple[str, str, str, str, str]:
-    """Return the cells of a column with a difference, whose numbers have their unit."""
+    """Return the table cells of a column that differs; numbers have their unit."""
     assert found.at is not None
     first = "within the tolerance"
     if found.first is not None:

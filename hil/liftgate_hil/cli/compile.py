@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `compile` to its parser."""
     add_printed(parser)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `compile` and return its exit code."""
     import liftgate_compiler as compiler
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.terminal.teller import Teller
@@ -58,7 +58,7 @@ def run(call: Call) -> int:
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Return the function of an entry point."""
+    """Return the compiled function of an entry point, by its name."""
     from liftgate_hil.drive.compilation import ENTRY_POINTS
 
     function: Callable[..., Any] = getattr(importlib.import_module(ENTRY_POINTS[name][1]), name)
@@ -73,14 +73,14 @@ always = "time_s >= 0"
 
 
 class _Compiling(Listener):
-    """Listener that passes on what concerns compilation, with its number of `total`, and no progress of runs."""
+    """Listener that passes on compilations, each with its number of `total`, and no progress of runs."""
 
     def __init__(self, teller: Listener, total: int) -> None:
         self._teller, self._total, self._ready = teller, total, 0
         self.say = teller.say  # type: ignore[method-assign]
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Show a compilation with its number."""
+        """Show the progress of a compilation, with its number."""
         self._teller.compiles(f"{name} ({self._ready + 1} of {self._total})", seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
@@ -90,7 +90,7 @@ class _Compiling(Listener):
 
 
 def _compile_loops(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Compile the loops of a run: each clock, with an ECU in the process, a judge and a triggered recording."""
+    """Compile the loops by short runs: each clock, with an ECU in the process, a judge, a triggered recording."""
     from liftgate_hil.drive.run import execute
     from liftgate_hil.plan.plan import plan_of
     from liftgate_hil.plan.request import CLOCKS, Job, RunRequest
@@ -107,7 +107,7 @@ def _compile_loops(teller: Listener, stopped: Callable[[], bool]) -> None:
 
 
 def _compile_others() -> None:
-    """Compile what `simulate`, `identify`, `judge`, `doctor` and `replay` run."""
+    """Compile the machine code that `simulate`, `identify`, `judge`, `doctor` and `replay` use."""
     import numpy as np
 
     from liftgate_hil.codec.frames import empty_frames

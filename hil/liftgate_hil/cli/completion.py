@@ -16,12 +16,12 @@ _SHIPPED = {"vehicle": "vehicles", "rig": "rigs", "scenario": "scenarios"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `completion` to its parser."""
     parser.add_argument("shell", choices=SHELLS, help="print the script for this shell")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `completion` and return its exit code."""
     print(script(call.values["shell"]))
     return 0
 
@@ -40,7 +40,7 @@ def script(shell: str) -> str:
 
 
 def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
-    """Return a parser and those of all its subcommands, at any depth."""
+    """Return a parser and the parsers of all its subcommands, at any depth."""
     children = [
         child
         for action in parser._actions
@@ -51,7 +51,7 @@ def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentP
 
 
 def _describe(action: argparse.Action) -> None:
-    """Set shtab's completion of an argument's values, by its name and its metavar."""
+    """Set how shtab completes an argument's values, by the argument's name and metavar."""
     import shtab
 
     from liftgate_hil.config.shipped import shipped_names
@@ -71,7 +71,7 @@ def _describe(action: argparse.Action) -> None:
 
 
 def _words_or_files(name: str, words: Sequence[str], pattern: str) -> dict[str, object]:
-    """Return a completer in shtab's form: these words, files of a pattern, folders."""
+    """Return a completer in shtab's form, which offers words, folders, and files that match a pattern."""
     function, text = f"_liftgate_hil_{name}", " ".join(words)
     bash = f"""
         {function}() {{

@@ -19,13 +19,13 @@ from liftgate_hil.errors import number_of, printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `convert` to its parser."""
     add_flags(parser, ConvertRequest)
     add_printed(parser)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `convert` and return its exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.convert import converted

@@ -19,18 +19,18 @@ from liftgate_hil.errors import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `dashboard` to its parser."""
     add_flags(parser, DashboardRequest)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `dashboard` and return its exit code."""
     serve_page(call.request(DashboardRequest))
     return 0
 
 
 def serve_page(request: DashboardRequest) -> None:
-    """Serve a page until it is stopped; its address is printed. Raises ConfigError."""
+    """Print the address of a dashboard page, and serve the page until it is stopped. Raises ConfigError."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.dashboard.opening import check_installed, source_of, starter_of
 

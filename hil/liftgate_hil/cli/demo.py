@@ -47,7 +47,7 @@ _AGAIN = (
 
 # fmt: off
 class DemoFiles(Record):
-    """What the demo writes, and where its ECU is on a serial line."""
+    """Flags that only `demo` has: the files that it writes, and the serial line of its ECU."""
 
     ecu_serial: Annotated[str | None, Field(Text("PORT[@BAUD]"), "the other end of --serial, for the ECU",
         metavar="PORT[@BAUD]")] = None
@@ -58,13 +58,13 @@ class DemoFiles(Record):
 
 # fmt: on
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `demo` to its parser."""
     add_run(parser, REFERENCE)
     add_flags(parser, DemoFiles)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `demo` and return its exit code."""
     stopped = StopSignals()
     request = call.request(RunRequest)
     is_whole = request.scenario in (None, "demo") and request.duration is None
@@ -72,7 +72,7 @@ def run(call: Call) -> int:
 
 
 class _Demo:
-    """The demo: a run, in real time perhaps a second one; only one that `is_whole` is judged."""
+    """The demo: a run, and in real time a second one if the machine was too busy; judged only if `is_whole`."""
 
     def __init__(self, call: Call, request: RunRequest, is_whole: bool, stopped: StopSignals) -> None:
         self._call, self._is_whole = call, is_whole
@@ -88,7 +88,7 @@ class _Demo:
         )
 
     def _made_files(self, request: RunRequest) -> list[Path]:
-        """Return the demo's own recordings in its folder, which is created. Raises ConfigError."""
+        """Return the paths of the demo's own recordings in its folder, which is created. Raises ConfigError."""
         files = self._files
         if (request.serial is None) != (files.ecu_serial is None):
             raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
@@ -103,7 +103,7 @@ class _Demo:
         return [self._folder / "demo.log", self._folder / "demo.csv"]
 
     def exit_code(self) -> int:
-        """Run and show the demo, and return the exit code. Raises LiftgateError."""
+        """Run the demo, show its result, and return the exit code. Raises LiftgateError."""
         from liftgate_hil.report.pinch import pinch_event
         from liftgate_hil.testing.demo_verdict import busy_with, failures
 
@@ -147,7 +147,7 @@ class _Demo:
         return 1 if reasons else self._run.exit_code(shown)
 
     def _shown(self, request: RunRequest, page: RunPage) -> Result:
-        """Run the demo and return its result. Raises LiftgateError."""
+        """Run the demo with the given request and return its result. Raises LiftgateError."""
         shown = self._run.result(
             request,
             page,
@@ -160,7 +160,7 @@ class _Demo:
         return shown
 
     def _last_line(self, shown: Result, is_repeated: bool) -> str:
-        """Return what the output of a run that has not failed ends with; "": the expectations say it."""
+        """Return the last line of output after a run without failures; "": the expectations' verdicts suffice."""
         if self._is_whole:
             where = " (repeated on the free clock)" if is_repeated else ""
             return f"the demo has passed{where}: the gate met the rod, was reversed, and was latched at the end"
@@ -183,7 +183,7 @@ class _Demo:
         )
 
     def _present(self, shown: Result, event: PinchEvent | None, mark: str) -> None:
-        """Write the picture of a result, whose title has the `mark`, and print it, as far as the flags ask."""
+        """Write the picture of a result, with `mark` in its title, and print the result, as the flags ask."""
         if not self._files.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
             teller = Teller(self._call.is_quiet, self._call.is_json)
             with teller.progress("picture"):
@@ -207,19 +207,19 @@ class _Demo:
         return setup_for(self._request)
 
     def _whole(self) -> float | None:
-        """Return the length of the whole run [s]; None: until stopped."""
+        """Return the duration of the whole run [s]; None: until stopped."""
         given = self._request.duration
         return self._setup().scenario.duration if given is None else given
 
     def _every(self) -> int:
-        """Return the decimation of rows for the picture: 1, all rows, for the usual demo."""
+        """Return the decimation of rows for the picture; 1 (all rows) for the usual demo."""
         duration = self._whole()
         if duration is None:
             return _USUAL_EVERY
         return int(max(1, math.ceil(duration * self._request.rate / _MOST_ROWS)))
 
     def _draw(self, shown: Result, event: PinchEvent | None, mark: str, teller: Teller) -> None:
-        """Write the picture. Raises ConfigError."""
+        """Write the picture of a demo's run. Raises ConfigError."""
         from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, plot_run
         from liftgate_hil.signals import columns_of
 
@@ -241,7 +241,7 @@ class _Demo:
             raise ConfigError(f"`output` {self._folder}: demo.png: {error.strerror}") from error
 
     def _tell(self, shown: Result, event: PinchEvent | None) -> None:
-        """Print what happened."""
+        """Print the ECU's events and the contact with the obstacle."""
         import numpy as np
 
         columns = shown.trace

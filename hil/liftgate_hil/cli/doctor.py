@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `doctor` to its parser."""
     add_flags(parser, DoctorRequest)
     add_printed(parser, "print only checks that are not ok", "print checks and figures as JSON")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `doctor` and return its exit code."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.doctor.examination import DoctorReport, Examination
 

@@ -19,13 +19,13 @@ _EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  #
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `ecu` to its parser."""
     add_flags(parser, EcuRequest)
     add_printed(parser)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `ecu` and return its exit code."""
     from liftgate_hil.ecu.find import is_foreign, is_library
 
     request = call.request(EcuRequest)

@@ -37,7 +37,7 @@ _WIDTH = 108  # characters of a line, where the terminal has as many
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):
-    """Formatter of lines that are as long as the terminal allows, up to `_WIDTH`."""
+    """Formatter of help texts with lines as long as the terminal allows, up to `_WIDTH`."""
 
     def __init__(self, prog: str) -> None:
         import shutil
@@ -64,19 +64,19 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
 
 
 def subject_of(action: argparse.Action) -> str:
-    """Return the subject of a flag; "": it has none."""
+    """Return the subject that a flag is grouped under in the help; "": it has none."""
     flag = action.option_strings[-1].lstrip("-") if action.option_strings else ""
     return _SUBJECT_OF.get(flag) or _SUBJECT_OF.get(action.dest, "")
 
 
 def _group(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
-    """Return the parser's group of a title, which is made if it is not there."""
+    """Return the parser's argument group with a title; it is added if it does not exist."""
     found = [each for each in parser._action_groups if each.title == title]
     return found[0] if found else parser.add_argument_group(title)
 
 
 def _needed(action: argparse.Action) -> str:
-    """Return an argument that a command needs as the usage shows it."""
+    """Return a required argument as the usage line shows it."""
     name = str(action.metavar or action.dest)
     if action.option_strings:
         return f"{action.option_strings[0]} {name}"

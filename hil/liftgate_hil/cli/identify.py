@@ -21,7 +21,7 @@ _NOT_PLANNED = ("html", "save_vehicle", "profile")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `identify` to its parser."""
     add_flags(parser, IdentifyRequest, placed="files")
     parser.add_argument(
         "--plan",
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `identify` and return its exit code."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
 

@@ -16,7 +16,7 @@ from liftgate_hil.cli.command import Call, add_printed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `init` to its parser."""
     parser.add_argument(
         "folder", metavar="FOLDER", help="the folder to create; an existing one must be empty or a git repository"
     )
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `init` and return its exit code."""
     from liftgate_hil.config.starter import create_starter
 
     folder = str(call.values["folder"])
@@ -35,7 +35,7 @@ def run(call: Call) -> int:
 
 
 def _contents(folder: str, written: Sequence[Path]) -> list[str]:
-    """Return what was written, one line for each folder."""
+    """Return the list of created files, one line for each folder."""
     names: dict[Path, list[str]] = {}
     for path in written:
         names.setdefault(Path(folder, path.parent), []).append(path.name)

@@ -17,7 +17,7 @@ from liftgate_hil.testing.request import JudgeRequest, ReportsChoice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `judge` to its parser."""
     add_flags(parser, JudgeRequest)
     parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
     add_flags(parser, ReportsChoice)
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `judge` and return its exit code."""
     stop = StopSignals()
     from liftgate_hil.cli.terminal.suite_teller import JudgeTeller, summary_of
     from liftgate_hil.cli.terminal.teller import Teller

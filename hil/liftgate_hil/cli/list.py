@@ -18,7 +18,7 @@ _FLAGS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments to the parser."""
+    """Add the arguments of `list` to its parser."""
     parser.add_argument(
         "prefix",
         nargs="?",
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code. Raises ConfigError."""
+    """Run the subcommand `list` and return its exit code. Raises ConfigError."""
     from liftgate_hil.config.shipped import Shipped, shipped_list
     from liftgate_hil.ecu.mutants import MUTANTS
     from liftgate_hil.ecu.names import REFERENCE
@@ -53,5 +53,5 @@ def run(call: Call) -> int:
 
 
 def _begins(name: str, prefix: str) -> bool:
-    """Whether a name, or what follows its set or the word `mutant`, begins with a prefix."""
+    """Whether a name, or its part after the set or the word `mutant`, begins with a prefix."""
     return any(each.startswith(prefix) for each in (name, name.replace(":", "/").partition("/")[2]) if each)

@@ -70,7 +70,7 @@ class Parser(argparse.ArgumentParser):
     on_error: Callable[[str], None] | None = None  # called with an error before it is printed
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and exit with code 2."""
+        """Print the usage error and exit with code 2."""
         start, _, unknown = message.partition("unrecognized arguments: ")
         if not start and unknown.startswith("-"):
             flag = unknown.split()[0].partition("=")[0]
@@ -80,7 +80,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
     def _flags(self) -> list[str]:
-        """Return the flags of the command and of its actions, as `rig check` has them."""
+        """Return the flags of the command and of its actions, such as `rig check`."""
         nested = [each.choices.values() for each in self._actions if isinstance(each, argparse._SubParsersAction)]
         parsers = [self, *itertools.chain.from_iterable(nested)]
         found = itertools.chain.from_iterable(each._option_string_actions.items() for each in parsers)
@@ -88,7 +88,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class ShowVersion(argparse.Action):
-    """`--version`; the version is looked up only here, as that takes as long as the rest of a start."""
+    """Action of `--version`, which looks the version up only on request, as that doubles the start time."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the version and exit with code 0."""
@@ -125,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _error_code(argv: Sequence[str] | None) -> int:
-    """Return the exit code of an error: 1, or 2 of a command whose 1 says that an expectation fails."""
+    """Return the exit code for errors of a command: 2 where its code 1 means a failed expectation, else 1."""
     arguments = sys.argv[1:] if argv is None else argv
     return 2 if arguments and arguments[0] in _JUDGING else 1
 
@@ -169,7 +169,7 @@ def _command(argv: Sequence[str] | None) -> int:
 
 
 def _run(module: ModuleType, call: Call, is_bare: bool, error_code: int) -> int:
-    """Run a subcommand and return the exit code; what it raises is printed."""
+    """Run a subcommand and return the exit code; errors that it raises are printed."""
     try:
         return int(module.run(call))
     except ConfigError as error:
@@ -194,7 +194,7 @@ def _run(module: ModuleType, call: Call, is_bare: bool, error_code: int) -> int:
 
 
 def _report_flags(arguments: Sequence[str], message: str) -> None:
-    """Write an error of the flags, which could not be parsed, into the reports that they name."""
+    """Write an error in parsing the flags into the reports that the flags request."""
     from liftgate_hil.testing import report_files
     from liftgate_hil.testing.request import ReportsChoice
 
@@ -214,7 +214,7 @@ def _report_flags(arguments: Sequence[str], message: str) -> None:
 
 
 def _fault_of(error: OSError) -> str:
-    """Return what the system refused, on one line."""
+    """Return the reason and the file of an operating-system error, on one line."""
     if error.errno in (errno.EMFILE, errno.ENFILE):  # the file that was opened last is not the cause
         return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
     where = f"{error.filename}: " if error.filename else ""

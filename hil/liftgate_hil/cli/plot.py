@@ -11,13 +11,13 @@ from liftgate_hil.errors import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `plot` to its parser."""
     add_flags(parser, PlotRequest, placed="recording")
     add_printed(parser)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `plot` and return its exit code."""
     request = call.request(PlotRequest)
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.plot import plotted

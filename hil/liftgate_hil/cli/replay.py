@@ -19,13 +19,13 @@ from liftgate_hil.playback.request import ReplayRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `replay` to its parser."""
     add_flags(parser, ReplayRequest)
     add_printed(parser, json="print the summary as JSON")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `replay` and return its exit code."""
     stopped = StopSignals()
     from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.terminal.teller import Teller
@@ -44,7 +44,7 @@ def run(call: Call) -> int:
     player = player_for(request, noted, stopped, tell)
 
     def tell_all() -> int:
-        """Print what was played, and return the exit code."""
+        """Print the result of the replay, and return the exit code."""
         played, text = player.played, ""
         is_cut_short = stopped() and not played.is_complete and not request.loop
         if is_cut_short:

@@ -82,7 +82,7 @@ def _check(file: str, call: Call) -> None:
 
 
 def _lines(messages: list[MappedMessage]) -> list[str]:
-    """Return the table: one line per message, and below it one line per quantity."""
+    """Return the table of mapped messages: one line per message, and below it one line per quantity."""
     from liftgate_hil.codec.sending import SendType
 
     lines = []
@@ -106,7 +106,7 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
 
 
 def _asked(own: Diagnostics | None) -> list[str]:
-    """Return the line on how the ECU's trouble codes are read, in a list; without [diagnostics] an empty list."""
+    """Return a list with the line on how the ECU's trouble codes are read; empty without [diagnostics]."""
     from liftgate_hil.codec.frames import EXTENDED
 
     if own is None:

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `run` to its parser."""
     add_run(parser, ON_A_BUS)
 
 
 def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
-    """Add the flags of a run, in real time by default, of its page and of what is printed."""
+    """Add the flags of a run (in real time by default), of its page, and of the output."""
     names = [each.name for each in fields_of(RunRequest) if each.name != "trace"]
     add_flags(parser, RunRequest, *names, ecu=ecu, clock="realtime")
     add_printed(parser, json="print the summary as JSON")
@@ -42,7 +42,7 @@ def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `run` and return its exit code."""
     shown = ShownRun(call, StopSignals(), RUN_EXIT_CODES)
     request = call.request(RunRequest)
     page = call.request(RunPage)
@@ -55,7 +55,7 @@ def run(call: Call) -> int:
 
 
 class ShownRun(NamedTuple):
-    """A run of `run` or `demo`, with what is printed of it."""
+    """Context of a run by `run` or `demo`: its call, its stop signals and exit codes; prints its result."""
 
     call: Call
     stopped: StopSignals
@@ -64,7 +64,7 @@ class ShownRun(NamedTuple):
     def result(
         self, request: RunRequest, page: RunPage, *, is_wired: bool, ecu_serial: str | None = None, **more: Any
     ) -> Result:
-        """Run the gate with its ECU; `more` is of its `Job`.
+        """Run the gate with its ECU, and return the result; `more` are fields of its `Job`.
 
         Where it is not `is_wired`, and on a virtual bus, the ECU is in this process, or in a worker of its own; on
         any other bus it is a second process there. Raises LiftgateError; what went wrong in the run is in the
@@ -114,7 +114,7 @@ class ShownRun(NamedTuple):
         return found
 
     def raise_error(self, result: Result) -> None:
-        """Raise what went wrong in a run, if something did, after its summary where that is known."""
+        """Raise the error of a run, if there was one, after printing its summary where that is known."""
         if result.verdict != ERROR:
             return
         if math.isfinite(result.maxima["time_s"]):
@@ -138,7 +138,7 @@ class ShownRun(NamedTuple):
             print_summary(result)
 
     def ending(self, result: Result) -> tuple[str, Provenance]:
-        """Return what ended a run, and its provenance, for its report."""
+        """Return what ended a run (signal, "given up" or "duration"), and its provenance, for its report."""
         from liftgate_hil.report.provenance import provenance_of
 
         reason = self.stopped.name or (GIVEN_UP if result.is_given_up else "duration")
@@ -151,7 +151,7 @@ def print_summary(result: Result) -> None:
 
 
 def _verdicts(result: Result) -> list[str]:
-    """Return the verdicts on the scenario's expectations, as lines; empty: there are none."""
+    """Return the verdicts on the scenario's expectations as lines of text; empty: there are none."""
     from liftgate_hil.judging.verdict import line_of
 
     found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]

@@ -26,12 +26,12 @@ _STDOUT = "-"  # as `output`
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `simulate` to its parser."""
     add_flags(parser, SimulateRequest)
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `simulate` and return its exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
     from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.terminal.progress import ProgressDisplay

@@ -54,7 +54,7 @@ class StopSignals:
             signal.signal(number, self._set)
 
     def __call__(self) -> bool:
-        """Whether the program shall stop."""
+        """Whether the program was asked to stop."""
         return self.received != 0
 
     @property
@@ -78,7 +78,7 @@ class StopSignals:
         threading.Thread(target=_end_after, args=(heard,), name="end", daemon=True).start()
 
     def failure(self, text: str) -> LiftgateError:
-        """Return an error with this text; after a stop it has the exit code of the stop."""
+        """Return an error with this text; after a stop signal it has the exit code of the stop."""
         return StoppedError(text, self.exit_code) if self.received else LiftgateError(text)
 
     def _set(self, number: int, frame: FrameType | None) -> None:
@@ -95,7 +95,7 @@ class StopSignals:
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S, _LOOK_S)
 
     def _look(self, number: int, frame: FrameType | None) -> None:
-        """Abort a call of the ECU's code that is still the same as at the last check."""
+        """Abort a call of the ECU's code that has not returned since the last check."""
         call = FOREIGN.call()
         if call and call == self._call:
             raise NoAnswerError
@@ -105,7 +105,7 @@ class StopSignals:
 
 
 def _ended() -> None:
-    """Ignore further signals at exit: Python has no handlers then, so that they would change the exit code."""
+    """Ignore further signals while Python exits: without its handlers they would change the exit code."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -17,13 +17,13 @@ from liftgate_hil.testing.request import SuiteRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `test` to its parser."""
     add_flags(parser, SuiteRequest)
     add_printed(parser, "print only what does not pass")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `test` and return its exit code."""
     stop = StopSignals()
     from liftgate_hil.cli.terminal.suite_teller import SuiteTeller, summary_of
     from liftgate_hil.cli.terminal.teller import Teller

@@ -12,13 +12,13 @@ from liftgate_hil.identification.request import ValidateRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the flags to the parser."""
+    """Add the flags of `validate` to its parser."""
     add_flags(parser, ValidateRequest)
     add_printed(parser, json="print the result as JSON")
 
 
 def run(call: Call) -> int:
-    """Run the command and return the exit code."""
+    """Run the subcommand `validate` and return its exit code."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.identification.commands import validation_of, write_validation

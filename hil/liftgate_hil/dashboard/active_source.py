@@ -1,4 +1,4 @@
-"""Active source of a page (a run, a recording, or none yet), and the viewers of a run, who get its states."""
+"""Active data source of a dashboard page (a run, a recording, or none yet), and the viewers of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from liftgate_hil.operate.attachment.client import Client
 
 
 class Following:
-    """Search for the run that follows the one of a process on the bus `channel`.
+    """Search for the next run on the bus `channel`, after the run of process `ended`.
 
     Each run on another bus is asked once, however often one looks: its bench has better to do.
     """
@@ -29,7 +29,7 @@ class Following:
         self._elsewhere: set[tuple[int, int]] = set()  # processes on other buses, and when their sockets were made
 
     def look(self) -> Client | None:
-        """Return a client of the run; None: there is none yet."""
+        """Return a client of the next run; None: none has begun yet."""
         for pid, made_ns in endpoint.sockets().items():
             if pid == self._ended or (pid, made_ns) in self._elsewhere:
                 continue
@@ -50,7 +50,7 @@ _NEXT_S = 0.2  # s between two looks for the next run, which may be short
 
 
 class ActiveSource:
-    """Active source of a page; a run that has ended is followed by the next one on the same bus.
+    """Active data source of a page; a run that has ended is followed by the next one on the same bus.
 
     `number` counts the sources, from 1; `starter` starts runs, where there is one.
     """
@@ -65,7 +65,7 @@ class ActiveSource:
         self._looks = ThreadPoolExecutor(1)  # not that of commands: a run that stands still keeps these waiting
 
     async def follow(self) -> None:
-        """Read what is new in the run regularly, send it to all viewers, and go on with the next run."""
+        """Read the run's new data regularly, send it to all viewers, and go on with the next run at its end."""
         if isinstance(self.source, RecordingSource):
             return
         count, line, number = 0, 0, self.number
@@ -95,12 +95,12 @@ class ActiveSource:
             await asyncio.sleep(due - time.monotonic())
 
     async def look(self, live: Live) -> JsonObject:
-        """Read what is new in a run; return `low` and `high` of each column in it."""
+        """Read the run's new data; return the lowest and highest value of each column in it (`low`, `high`)."""
         running = asyncio.get_running_loop()
         return await running.run_in_executor(self._looks, live.update, time.monotonic())
 
     async def _go_on(self, ended: Live) -> None:
-        """Show the next run on the bus of the one that has ended, where it has begun."""
+        """Show the next run on the bus of the run that has ended, if the next one has begun."""
         running = asyncio.get_running_loop()
         self._following = self._following or Following(ended.channel, ended.pid)
         client = await running.run_in_executor(self._looks, self._following.look)
@@ -108,14 +108,14 @@ class ActiveSource:
             self.show(client)
 
     def show(self, client: Client) -> None:
-        """Show another run."""
+        """Show another run, through its client."""
         before, self.source, self._following = self.source, Live(client), None
         self.number += 1
         if isinstance(before, Live):
             self._looks.submit(before.close)
 
     async def farewell(self) -> None:
-        """Send viewers the last state, which says how a run has ended that ends with this server."""
+        """Send viewers the last state, with how the run has ended, where server and run end together."""
         source = self.source
         if not isinstance(source, Live) or not self.viewers:
             return
@@ -124,7 +124,7 @@ class ActiveSource:
         await self.viewers.have_taken()
 
     def numbered(self, state: PageState) -> PageState:
-        """Return a state with the number by which a viewer sees that another run is shown."""
+        """Return a state with the number of its source, by which a viewer notices another run."""
         state["number"] = self.number
         if self._starter is not None:
             state["started"] = self._starter.running

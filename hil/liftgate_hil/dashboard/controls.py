@@ -1,4 +1,4 @@
-"""Controls of a page: what can be commanded, with a label in words and the range of a slider."""
+"""Controls of a page: the commands that a run accepts, each with a label in words and a slider's range."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _TYPICAL: Mapping[tuple[str, str], float | str] = {
 
 
 def controls_of(commands: JsonObject) -> Controls:
-    """Return a run's commands with what a page needs to show them.
+    """Return the commands of a run, completed with the labels and ranges that a page shows.
 
     Quantities have `label`, `slide_low`, `slide_high` and `actions`, faults `label`, and their keys `typical`.
     """
@@ -106,7 +106,7 @@ def _key(kind: str, name: str, key: JsonObject) -> FaultKey:
 
 
 def in_words(name: str, unit: str = "") -> str:
-    """Return a name as words, without the unit at its end: "Supply voltage" for supply_voltage_v."""
+    """Return a quantity's name as words without its unit: "Supply voltage" for supply_voltage_v."""
     words = name.removesuffix(SUFFIXES.get(unit, "") or "\0").replace("_", " ")
     for short, word in (("hall a ", "Hall A "), ("hall b ", "Hall B "), ("hall ", "Hall ")):
         if words.startswith(short):

@@ -1,4 +1,4 @@
-"""Deference of a page's process to the loop of the run that it shows: it interrupts nobody, and avoids its CPU."""
+"""Low scheduling priority of a page's process beside the loop of the run it shows, on another CPU."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NICE = 10
 
 @contextlib.contextmanager
 def giving_way() -> Iterator[None]:
-    """Have the calling thread, and those that it starts meanwhile, give way to others and interrupt none.
+    """Context in which this thread and those it starts have low priority and preempt no other thread.
 
     Afterwards it is scheduled as before, as far as that is permitted.
     """
@@ -31,7 +31,7 @@ def giving_way() -> Iterator[None]:
 
 
 class Deference:
-    """Deference of this process to the loop of another one; threads `keep` (native ids) stay as they are."""
+    """Keeps this process off the CPU of a run's loop; the threads `keep` (native ids) are left as they are."""
 
     def __init__(self, keep: frozenset[int] = frozenset()) -> None:
         self._allowed = os.sched_getaffinity(0)
@@ -40,7 +40,7 @@ class Deference:
         self._left: int | None = None  # CPU that is left to the loop
 
     def give_way_to(self, pid: int | None) -> None:
-        """Avoid the CPU of the loop of a process, unless there is no other one; None: there is no loop."""
+        """Avoid the CPU of the loop of process `pid`, unless it is the only CPU; None: there is no loop."""
         if self._loop is None or self._loop.pid != pid:
             self._loop = None if pid is None else LoopThread(pid)
         cpu = None if self._loop is None else self._loop.cpu()

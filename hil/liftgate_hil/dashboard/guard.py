@@ -1,4 +1,4 @@
-"""Access control of the server: for clients with the token, and from its own pages only.
+"""Access control of the dashboard's server: only clients with the token, and only from its own pages.
 
 Any web page can have its reader's browser send requests to a server on the same machine; Host and Origin reveal
 these, on HTTP and on WebSockets, which a middleware for HTTP would not check.
@@ -27,7 +27,7 @@ AUTHORISED = "liftgate_hil.authorised"  # extension of a scope: called where a r
 
 
 class Guard:
-    """ASGI middleware: 403 for other hosts and origins, 401 without the token."""
+    """ASGI middleware for access control: 403 for other hosts and origins, 401 without the token."""
 
     def __init__(self, app: ASGIApp, token: str, hosts: Collection[str]) -> None:
         self._app, self._token, self._hosts = app, token.encode(), hosts
@@ -71,7 +71,7 @@ class Guard:
 
 
 def hosts_of(address: str, port: int) -> list[str]:
-    """Return what Host may be for a server that listens at an address: that, and this machine's names.
+    """Return the allowed Host headers of a server that listens at an address: that, and this machine's names.
 
     The address that a connection came to is allowed besides.
     """
@@ -88,12 +88,12 @@ def hosts_of(address: str, port: int) -> list[str]:
 
 
 def _address_in(scope: Scope) -> str:
-    """Return the address that a connection came to."""
+    """Return the server's address at which a connection arrived."""
     host, port = scope.get("server") or ("", 0)
     host = host.removeprefix("::ffff:")  # an IPv4 address on a socket for both versions
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _with_port(host: str) -> str:
-    """Return a host with its port; browsers leave out that of HTTP."""
+    """Return a Host header with its port, which browsers omit if it is that of HTTP."""
     return host if host.rpartition(":")[2].isdecimal() else f"{host}:80"

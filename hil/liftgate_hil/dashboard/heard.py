@@ -1,4 +1,4 @@
-"""Frames on a run's bus: messages as heard last, the ECU's command in them, and a trace of the latest in order."""
+"""Frames on a run's bus: last frame of each message, the ECU's command, and a trace of the latest frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST = 500  # messages that are kept
 
 @dataclass
 class Heard:
-    """The last frame of a message on the bus."""
+    """A message on the bus, with the last frame received of it."""
 
     is_sent: bool
     count: int
@@ -55,7 +55,7 @@ class BusView:
         self._inputs = [(found.identifier(each.message) & ~FD_FLAGS, each) for each in found.inputs]
 
     def hear(self, frame: Any) -> None:
-        """Take a frame, a record of LOGGED."""
+        """Store a frame, a record of LOGGED, as the last one of its message."""
         identifier, is_sent = int(frame["identifier"]) & ~FD_FLAGS, bool(frame["is_sent"])
         before = self._heard.get((identifier, is_sent))
         if before is None and len(self._heard) >= _MOST:
@@ -97,7 +97,7 @@ class BusView:
         ]
 
     def described(self, frames: Any) -> list[TracedFrame]:
-        """Return frames, records of LOGGED, in their order, decoded."""
+        """Return frames, records of LOGGED, decoded, in the given order."""
         return [
             self._described(
                 int(each["identifier"]) & ~FD_FLAGS,
@@ -109,7 +109,7 @@ class BusView:
         ]
 
     def units(self) -> dict[str, str]:
-        """Return the units of the database's signals that have one, by `Message.Signal`."""
+        """Return the units of the database's signals, by `Message.Signal`; signals without a unit are left out."""
         named = ((f"{each.name}.{one.name}", one.unit) for each in self._messages.values() for one in each.signals)
         return {name: unit for name, unit in named if unit}
 
@@ -125,7 +125,7 @@ class BusView:
 
 
 def _decoded(message: Message | None, payload: bytes) -> SignalValues:
-    """Return a frame's signals, by their labels where they have some; none where it does not fit."""
+    """Return the signals of a frame, as labels where they have some; empty if the frame does not fit."""
     if message is None:
         return {}
     import cantools
@@ -138,7 +138,7 @@ def _decoded(message: Message | None, payload: bytes) -> SignalValues:
 
 
 def _plain(value: Any) -> float | str:
-    """Return a signal's value for JSON: whole numbers as far as every reader has them exactly, labels as text."""
+    """Return a signal's value for JSON: integers too large for exact JSON numbers as floats, labels as text."""
     if isinstance(value, int) and abs(value) > _EXACT:
         return float(value)
     return value if isinstance(value, int | float) else str(value)
@@ -168,7 +168,7 @@ class FrameTrace:
             self._blocks.popleft()
 
     def after(self, number: int) -> tuple[int, Any]:
-        """Return the frames after one of that number, and the number of the first of them.
+        """Return the frames after the one with the given number, and the number of the first of them.
 
         Of more than MOST_FRAMES the latest are returned.
         """

@@ -1,4 +1,4 @@
-"""Where a page is served: an address of this machine, and the token that grants access."""
+"""Address at which a dashboard page is served on this machine, and the token that grants access."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
 
 
 def bound(address: tuple[str, int]) -> socket.socket:
-    """Return a socket that listens at an address. Raises ConfigError."""
+    """Return a new socket that listens at an address. Raises ConfigError."""
     host, port = address
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -38,7 +38,7 @@ def bound(address: tuple[str, int]) -> socket.socket:
 
 
 def new_token() -> str:
-    """Return a random token, or LIFTGATE_HIL_TOKEN of the environment. Raises ConfigError."""
+    """Return the token LIFTGATE_HIL_TOKEN of the environment, else a random one. Raises ConfigError."""
     given = os.environ.get(_TOKEN)
     if given is None:
         return secrets.token_urlsafe(24)
@@ -48,12 +48,12 @@ def new_token() -> str:
 
 
 def hold_token() -> None:
-    """Have all pages of this process and of its children use one token. Raises ConfigError."""
+    """Store one token for all pages of this process and its children in the environment. Raises ConfigError."""
     os.environ[_TOKEN] = new_token()
 
 
 def url_of(wire: socket.socket, host: str, token: str) -> str:
-    """Return the URL to open; where the server listens at all addresses, with this machine's name."""
+    """Return the page's URL; if the server listens at all addresses, with this machine's name."""
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     return f"http://{shown}:{wire.getsockname()[1]}/?token={token}"

@@ -1,4 +1,4 @@
-"""Data source of a page for a run that this process is attached to: its memory, and what it reports."""
+"""Data source of a page for a running emulator to which this process is attached: its memory and messages."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _UNKNOWN_END: EndState = {
 
 
 class Live:
-    """Data source of a page for a run; `update` shall be called regularly."""
+    """Data source of a page for a run; `update` must be called regularly."""
 
     def __init__(self, client: Client) -> None:
         self._client, self._description = client, client.description
@@ -84,7 +84,7 @@ class Live:
         return str(self._description["channel"])
 
     def about(self) -> AboutRun:
-        """Return the run's description, its process, its columns, their units, and its controls."""
+        """Return the run's description, process, columns with units, and controls."""
         left_out = ("rows", "frames", "commands", "geometry")
         description = {name: each for name, each in self._description.items() if name not in left_out}
         own = {
@@ -103,7 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read all that is new at a time [s]; return `low` and `high` of each column in it, if a row is new."""
+        """Read all new data at a time [s]; return the lowest and highest value of each column, if a row is new."""
         with self._updating:
             return self._update(now)
 
@@ -158,20 +158,20 @@ class Live:
             return done
 
     def state(self, time: float | None = None) -> PageState:
-        """Return the latest state, with the log, the messages on the bus and the histograms."""
+        """Return the full latest state: values, log, messages on the bus and histograms."""
         return {**self.moment(), **self.now_and_then(), "log": list(self._lines)}
 
     @property
     def last_line(self) -> int:
-        """Number of the latest line of the run's log that has been received; 0: none."""
+        """Number of the latest received line of the run's log; 0: none."""
         return int(self._lines[-1][0]) if self._lines else 0
 
     def lines(self, after: int) -> list[list[Any]]:
-        """Return the lines of the log after that number."""
+        """Return the lines of the run's log after the one with number `after`."""
         return [each for each in list(self._lines) if each[0] > after]
 
     def moment(self) -> PageState:
-        """Return what changes with each tick."""
+        """Return the part of the state that changes with each tick."""
         row, control = self._row.tolist(), self._control
         truth, sensed = split(self._names, row)
         status = self._news.get("status") or {}
@@ -218,12 +218,12 @@ class Live:
         return self._rows.lost + self._frames.lost
 
     def now_and_then(self) -> PageState:
-        """Return what is sent less often: the messages on the bus, and the histograms [µs from, µs to, count]."""
+        """Return the less frequent part of the state: bus messages, and histograms [µs from, µs to, count]."""
         found = {name: bars(self._shared.histograms[place]) for name, place in _TIMES.items()}
         return {"messages": self._bus.messages(), "histograms": found}
 
     def _load(self) -> float | None:
-        """Return the bus load over the last second [%]; None: it is not known."""
+        """Return the bus load over the last second [%]; None: unknown."""
         bitrate = self._description["bitrate"]
         if len(self._bits) < 2 or not bitrate:
             return None
@@ -231,7 +231,7 @@ class Live:
         return float(100.0 * (now - before) / (bitrate * (end - begin)))
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
-        """Return curves over the history that is kept between two times [s], see `curves_of`."""
+        """Return curves of columns between two times [s] of the kept history, see `curves_of`."""
         places = places_of(columns, self._names)
         history = [each for each in list(self._history) if begin <= each[0] <= end]
         shape = len(history), len(places)
@@ -240,7 +240,7 @@ class Live:
         return curves_of(columns, np.array([time for time, _, _ in history]), low, high, points)
 
     def trace(self, after: int) -> BusTrace:
-        """Return the frames on the bus after the one of a number, with the number of the first of them."""
+        """Return the frames on the bus after number `after`, with the number of the first of them."""
         first, frames = self._trace.after(after)
         return {"first": first, "frames": self._bus.described(frames)}
 

@@ -1,4 +1,4 @@
-"""Opening of a page: where its data comes from, and what it starts."""
+"""Opening of a dashboard page: its data source, and the starter of its runs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_installed() -> None:
 def source_of(
     request: DashboardRequest, progress: Callable[[str], AbstractContextManager[Any]]
 ) -> Live | RecordingSource | NoSource:
-    """Return the source of the page: a recording, a client of a run, or none yet. Raises ConfigError."""
+    """Return the page's data source: a recording, a client of a run, or none yet. Raises ConfigError."""
     if request.scenarios is not None:
         from liftgate_hil.dashboard.source import NoSource
 
@@ -56,7 +56,7 @@ def source_of(
 
 
 def starter_of(request: DashboardRequest) -> Starter | None:
-    """Return what starts the scenarios of `--scenarios`; None: the page starts none. Raises ConfigError."""
+    """Return the starter of the scenarios in `--scenarios`; None: the page starts none. Raises ConfigError."""
     if request.scenarios is None:
         return None
     from liftgate_hil.config.shipped import shipped_folder
@@ -71,7 +71,7 @@ def starter_of(request: DashboardRequest) -> Starter | None:
 
 
 def _running() -> str:
-    """Return in words which runs there are."""
+    """Return a text that lists the process ids of the running emulators."""
     from liftgate_hil.operate.attachment import endpoint
 
     found = ", ".join(map(str, endpoint.runs()))

@@ -1,4 +1,4 @@
-"""Process of `liftgate-hil dashboard` that shows a run of this process."""
+"""Child process `liftgate-hil dashboard` that shows the run of this process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
 
 @contextlib.contextmanager
 def page_process(page: RunPage, clock: str, listener: Listener) -> Iterator[None]:
-    """Context in which a process shows the run of this process, if it is asked to. Raises ConfigError."""
+    """Context in which a child process shows the run of this process, if requested. Raises ConfigError."""
     if not page.dashboard:
         yield
         return

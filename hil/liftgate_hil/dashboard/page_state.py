@@ -1,4 +1,4 @@
-"""JSON that the page's server answers: its keys with their meanings and units."""
+"""JSON responses of the page's server: their keys with meanings and units."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ _SO_FAR = {
 
 
 def _column(name: str) -> Shown:
-    """Return the description of a column of the catalogue."""
+    """Return the description of a column in the catalogue of columns."""
     column = COLUMNS[name]
     return Shown(f"{column.meaning} [{column.unit}]" if column.unit else column.meaning)
 
 
 def _by(name: str, meaning: str, each: str) -> Shown:
-    """Return the description of an object whose keys vary, with what stands for them and their meaning."""
+    """Return the description of a JSON object with variable keys: a placeholder for them, and their meaning."""
     return Shown(meaning, names=(name,), meanings=(each,))
 
 
 # fmt: off
 class AboutSource(TypedDict, total=False):
-    """What a page shows: a run, a recording, or nothing yet."""
+    """Description of the page's data source: a run, a recording, or nothing yet."""
 
     kind: Annotated[str, Shown("`run`, `recording` or `none`")]
     columns: Annotated[list[str], Shown("list of the columns")]
@@ -67,7 +67,7 @@ _ForceLimits = Annotated[list[JsonObject], Shown("upper limits of the pinch forc
 
 
 class Control(TypedDict):
-    """Quantity that can be commanded."""
+    """Quantity that can be commanded, with its range and label."""
 
     label: Annotated[str, Shown("name in words")]
     meaning: Annotated[str, Shown("what it is")]
@@ -81,13 +81,13 @@ class Control(TypedDict):
 
 
 class ObstacleControl(Control):
-    """Key of an obstacle."""
+    """Key of an obstacle command, with its range and label."""
 
     default: Annotated[float | None, Shown("value where the command does not state it; null: it must")]
 
 
 class FaultKey(TypedDict):
-    """Key of a fault."""
+    """Key of a fault command, with its range or words."""
 
     label: Annotated[str, Shown("name in words")]
     meaning: Annotated[str, Shown("what it is")]
@@ -113,7 +113,7 @@ class FaultControl(TypedDict):
 
 
 class SignalControl(TypedDict):
-    """Signal of the restbus that can be commanded."""
+    """Restbus signal that can be commanded."""
 
     unit: Annotated[str, Shown("unit in the database")]
     low: Annotated[float, Shown("lowest value")]
@@ -124,7 +124,7 @@ class SignalControl(TypedDict):
 
 
 class Controls(TypedDict):
-    """What can be commanded."""
+    """Commands that a run accepts, with their ranges and labels."""
 
     obstacle: Annotated[dict[str, ObstacleControl], _by("KEY", "keys of the obstacle", "a key")]
     set: Annotated[dict[str, Control], _by("QUANTITY", "surroundings",
@@ -138,7 +138,7 @@ class Controls(TypedDict):
 
 
 class AboutRun(AboutSource, total=False):
-    """A run: what it is made of, and what can be commanded."""
+    """Description of a run: its vehicle, rig and columns, and the commands that it accepts."""
 
     version: Annotated[str, Shown("version of the program")]
     pid: Annotated[int, Shown("process of the run")]
@@ -160,7 +160,7 @@ class AboutRun(AboutSource, total=False):
 
 
 class AboutRecording(AboutSource, total=False):
-    """A recording: what it holds."""
+    """Description of a recording: its file, time range, contacts, marks and expectations."""
 
     file: Annotated[str, Shown("the recording")]
     every: Annotated[int, Shown("of how many rows one is kept, with the lowest and highest values of all")]
@@ -178,7 +178,7 @@ class AboutRecording(AboutSource, total=False):
 
 
 class DriveGeometry(TypedDict):
-    """Points and lengths of a drive."""
+    """Points and lengths of a drive, for drawings."""
 
     body_point: Annotated[list[float], Shown("its point on the body [x, y] [m]")]
     gate_point: Annotated[list[list[float]], Shown("its point on the gate at each angle")]
@@ -211,7 +211,7 @@ class GateGeometry(TypedDict, total=False):
 
 
 class Curves(TypedDict):
-    """Curves over stretches of time."""
+    """Curves of columns: lowest and highest values of intervals of time."""
 
     time_s: Annotated[list[float], Shown("list of the ends of the stretches [s]")]
     low: Annotated[dict[str, list[float]], _by("COLUMN", "lowest values",
@@ -221,7 +221,7 @@ class Curves(TypedDict):
 
 
 class TracedFrame(TypedDict):
-    """Frame on the bus."""
+    """Decoded frame on the bus."""
 
     id: Annotated[str, Shown("identifier in hexadecimal digits, followed by x if it has 29 bits")]
     name: Annotated[str, Shown("name in the database; empty: unknown")]
@@ -241,7 +241,7 @@ class BusTrace(TypedDict):
 
 
 class ListedScenario(TypedDict):
-    """Scenario file of the folder."""
+    """Scenario file in the folder of scenarios."""
 
     name: Annotated[str, Shown("file, below the folder")]
     description: Annotated[str, Shown("what it is about; empty: it does not say")]
@@ -252,7 +252,7 @@ class ListedScenario(TypedDict):
 
 
 class Startable(TypedDict):
-    """Scenarios that can be started."""
+    """Scenarios that can be started, and which of them runs."""
 
     scenarios: Annotated[list[ListedScenario], Shown("the files that can be started")]
     is_all: Annotated[bool, Shown("false: the folder has more files than are listed")]
@@ -282,7 +282,7 @@ class CommandValue(TypedDict):
 
 
 class ShownLoop(TypedDict, total=False):
-    """The loop; of a recording only what was recorded."""
+    """State of the loop; for a recording only the recorded quantities."""
 
     clock: Annotated[str, Shown("clock of the run")]
     rate_hz: Annotated[float, Shown("ticks per second [Hz]")]
@@ -299,7 +299,7 @@ class ShownLoop(TypedDict, total=False):
 
 
 class BusState(TypedDict, total=False):
-    """The bus."""
+    """State of the bus."""
 
     channel: Annotated[str, Shown("name of the bus")]
     bitrate: Annotated[float | None, Shown("bit rate [bit/s]")]
@@ -318,7 +318,7 @@ class BusState(TypedDict, total=False):
 
 
 class CommandsInForce(TypedDict, total=False):
-    """What was commanded and has not been cleared."""
+    """Commands in force, which were sent and have not been cleared."""
 
     obstacle: Annotated[JsonObject | None, Shown("the obstacle, with the keys of the command; null: none")]
     set: Annotated[JsonObject, Shown("values that were set, by quantity, in its unit")]
@@ -328,7 +328,7 @@ class CommandsInForce(TypedDict, total=False):
 
 
 class ActingState(TypedDict, total=False):
-    """What acts on the gate."""
+    """Obstacle and spring faults that act on the gate."""
 
     obstacle: Annotated[JsonObject | None, Shown("the obstacle in the gate's way; null: none", parts={
         "angle_deg": "gate angle at which the gate meets it [deg]", "distance": "distance from the hinge [m]",
@@ -353,7 +353,7 @@ class HeardMessage(TypedDict):
 
 
 class PageState(TypedDict, total=False):
-    """State of what a page shows; in the stream without what changes less often."""
+    """State of the run or recording that a page shows; in the stream only frequently changing keys."""
 
     phase: Annotated[str, Shown("`compiling`, `ready` (before time 0), `running`, `late` (ticks were missed in "
         "the last two seconds, or the run stands still), `ended`; of a recording `recorded`, without a run "

@@ -1,4 +1,4 @@
-"""Data source of a page for a recording: its rows, or lowest and highest values of each few if it is long."""
+"""Data source of a page for a recording: its rows, decimated with lowest and highest values if it is long."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MOST_CONTACTS, _MOST_MARKS = 100, 500
 
 
 class RecordingSource:
-    """Data source of a page for a recording; `vehicle` is the one to draw where the file does not name it.
+    """Data source of a page for a recording; `vehicle` is drawn where the file does not name one.
 
     Raises ConfigError where the file cannot be read, or holds no rows.
     """
@@ -70,7 +70,7 @@ class RecordingSource:
         self._geometry = _geometry_in(table.about) if vehicle is None else _geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the last row of each `every` rows, and the lowest and highest values in these."""
+        """Return every `every`-th row, and the lowest and highest values of the rows that it stands for."""
         if self._every == 1:
             whole = np.concatenate([np.zeros((0, len(self._names))), *table.rows(self._names)])
             return whole, whole, whole
@@ -86,7 +86,7 @@ class RecordingSource:
         return last, low, high
 
     def about(self) -> AboutRecording:
-        """Return the file, its columns with units, the decimation, first and last time, contacts and marks."""
+        """Return the description of the recording: columns, units, decimation, time range, contacts and marks."""
         return {
             "kind": "recording",
             "file": str(self._path),
@@ -103,7 +103,7 @@ class RecordingSource:
         }
 
     def geometry(self) -> GateGeometry:
-        """Return the geometry of the vehicle, from the file's provenance or as given; empty: it is not known."""
+        """Return the geometry of the vehicle, from the file's provenance or as configured; empty: unknown."""
         return self._geometry
 
     def _contacts(self) -> list[JsonObject] | None:
@@ -142,7 +142,7 @@ class RecordingSource:
         return found
 
     def _acting(self, row: Mapping[str, float]) -> ActingState:
-        """Return what a recording says: the obstacle while the gate presses against it, and the springs."""
+        """Return the recorded obstacle while the gate presses against it, and the health of the springs."""
         angle = row.get("pinch_contact_deg", math.nan)
         is_there = math.isfinite(angle) and self._geometry and row.get("pinch_force_n", 0.0) > _TOUCH_N
         rod = {"angle_deg": angle, "distance": self._geometry["length_m"]} if is_there else None
@@ -155,7 +155,7 @@ class RecordingSource:
         return {"obstacle": rod, "spring_health": springs}
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
-        """Return curves between two times [s], see `curves_of`; one row more on either side is taken in."""
+        """Return curves between two times [s], see `curves_of`, with one more row on either side."""
         places, times = places_of(columns, self._names), self._last[:, 0]
         first, last = int(np.searchsorted(times, begin)), int(np.searchsorted(times, end, side="right"))
         rows = slice(max(0, first - 1), last + 1)
@@ -163,7 +163,7 @@ class RecordingSource:
 
 
 def _geometry_in(about: str) -> GateGeometry:
-    """Return the geometry of the vehicle in a recording's provenance; empty where it has none."""
+    """Return the geometry of the vehicle in a recording's provenance; empty: it names none."""
     if not about:
         return {}
     try:
@@ -180,7 +180,7 @@ def _geometry_of(vehicle: Any) -> GateGeometry:
 
 
 def _expected_in(path: Path, provenance: Mapping[str, Any]) -> AboutRecording:
-    """Return what the scenario of a recording expects, as far as its files are there as they were."""
+    """Return the expectations and force limits of a recording's scenario, if its files are unchanged."""
     setup = RecordedSetup(path, provenance)
     scenario, vehicle, rig = setup.scenario, setup.vehicle, setup.rig
     expected = {} if scenario is None else expectations_of(scenario)
@@ -191,7 +191,7 @@ def _expected_in(path: Path, provenance: Mapping[str, Any]) -> AboutRecording:
 
 
 def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence[str], float]]:
-    """Return the faults of springs in a recording's provenance: by their columns the sides and the factor."""
+    """Return the spring faults in a recording's provenance: for each fault's column its sides and factor."""
     found: dict[str, tuple[Sequence[str], float]] = {}
     with contextlib.suppress(ValueError, AttributeError, TypeError, KeyError):  # of a version with other keys
         for name, fault in provenance.get("faults", {}).items():

@@ -1,4 +1,4 @@
-"""Requests of a page: of a run's own, and of one alone."""
+"""Requests of a dashboard page: as part of a run, or as a command of its own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _GOES_WITH = {
 
 # fmt: off
 class RunPage(Record):
-    """The page that a run has."""
+    """Base class of requests of runs with a page: the flags of the page."""
 
     dashboard: Annotated[bool, Field(Flag(), "serve the operator's page of this run, see liftgate-hil "
         "dashboard")] = False
@@ -31,7 +31,7 @@ class RunPage(Record):
 
 
 class DashboardRequest(Record):
-    """Request of a page: of a run, of a recording, or one that starts scenarios."""
+    """Request of a dashboard page for a run, for a recording, or to start scenarios from it."""
 
     attach: Annotated[int | None, Field(Whole(1, 2**31), "process id of a run", metavar="PID")] = None
     recording: Annotated[str | Path | None, Field(File(), "a recording, or a bus log with --rig",
@@ -69,7 +69,7 @@ class DashboardRequest(Record):
 
 
 def address_of(text: str) -> tuple[str, int]:
-    """Return host and port of HOST:PORT. Raises ConfigError."""
+    """Return host and port of a text HOST:PORT. Raises ConfigError."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not (port.isascii() and port.isdecimal()) or int(port) > 65535:

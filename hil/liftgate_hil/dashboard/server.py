@@ -1,4 +1,4 @@
-"""Web server of a page: HTTP and a WebSocket, for clients with the token; ENDPOINTS lists what it answers."""
+"""Web server of a dashboard page: HTTP and a WebSocket, for clients with the token; ENDPOINTS lists its URLs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PARTS = (
 
 
 class Endpoint(NamedTuple):
-    """One thing that the server answers; `handler` is a method of `Page`."""
+    """Endpoint of the server; `handler` is a method of `Page`."""
 
     method: str  # "WS": a WebSocket
     path: str
@@ -104,7 +104,7 @@ class Page:
             await asyncio.to_thread(self._starter.close)
 
     def _followed(self, task: asyncio.Task[None]) -> None:
-        """End the server where the task has failed; a task that was cancelled ended with the server."""
+        """End the server if the task that follows the run has failed; it is cancelled where the server ends."""
         if not task.cancelled() and task.exception() is not None:
             self._failure = task.exception()
             signal.raise_signal(signal.SIGTERM)
@@ -114,7 +114,7 @@ class Page:
         await self._active.farewell()
 
     def check(self) -> None:
-        """Raise the error that the application has failed with, if any."""
+        """Raise the error with which the application has failed, if any."""
         if self._failure is not None:
             raise self._failure
 
@@ -244,7 +244,7 @@ _HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 
 def _json(content: Any, status: int = 200) -> Response:
-    """Return a JSON response, in which NaN is null."""
+    """Return a JSON response, with null in place of NaN."""
     return Response(orjson.dumps(content), status, _HEADERS, "application/json")
 
 
@@ -257,7 +257,7 @@ async def _refused_by(request: Request, error: Exception) -> Response:
 
 
 def _number(text: str) -> float:
-    """Return a number of a query; NaN: it is none."""
+    """Return the number in a query's text; NaN: it is not a number."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Process of a page's server: it serves on a socket until a signal.
+"""Process of a dashboard's web server, which serves on a socket until a signal.
 
 Connections that stand still, or are too many, are dropped: anybody on this machine can connect without the token,
 and must not keep those with it out.
@@ -27,9 +27,9 @@ _REQUEST_S = 10.0  # s for a further one, after a request with the token
 
 
 def watched(protocol: Any) -> Any:
-    """Return uvicorn's protocol of an HTTP connection, which drops connections.
+    """Return uvicorn's HTTP protocol class extended to drop stalled and surplus connections.
 
-    One above the first `_MOST` takes the place of the oldest one on which no request with the token has come.
+    One above the first `_MOST` replaces the oldest connection without a request with the token so far.
     """
     most = max(1, min(_MOST, resource.getrlimit(resource.RLIMIT_NOFILE)[0] - _RESERVED))
     strangers: dict[Any, None] = {}  # connections without such a request, in the order in which they came

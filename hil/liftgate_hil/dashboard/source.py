@@ -1,4 +1,4 @@
-"""Data sources of a page: `NoSource` below, a run and a recording have the same methods."""
+"""Common functions of a page's data sources (run, recording, none), and `NoSource`, which shows nothing."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ MOST_LINES = 200  # of the log that are kept for a viewer
 
 
 class NoSource:
-    """Data source of a page that shows nothing yet."""
+    """Data source of a page that shows neither a run nor a recording yet."""
 
     def about(self) -> AboutSource:
-        """Return that there is neither a run nor a recording."""
+        """Return the description of the empty source: neither a run nor a recording."""
         return {"kind": "none", "columns": [], "units": {}, "meanings": {}}
 
     def geometry(self) -> GateGeometry:
-        """Return none."""
+        """Return an empty geometry."""
         return {}
 
     def state(self, time: float | None = None) -> PageState:
-        """Return the phase `idle`, and nothing else."""
+        """Return the state with the phase `idle`, and without values."""
         return nothing_known("idle")
 
     def plot(self, columns: Sequence[str], begin: float, end: float, points: int) -> Curves:
@@ -39,7 +39,7 @@ class NoSource:
 
 
 def nothing_known(phase: str) -> PageState:
-    """Return a state of which no more than the phase is known, with all keys but `number`."""
+    """Return a state with a given phase and no further values; it has all keys but `number`."""
     return {
         "phase": phase, "end": None, "time_s": None,
         "truth": {}, "sensed": {}, "command": {}, "loop": {}, "bus": {}, "in_force": {}, "acting": {},
@@ -48,7 +48,7 @@ def nothing_known(phase: str) -> PageState:
 
 
 def places_of(wanted: Sequence[str], names: list[str]) -> list[int]:
-    """Return the places of the wanted columns among `names`. Raises ConfigError for an unknown column."""
+    """Return the indices of the wanted columns in `names`. Raises ConfigError for an unknown column."""
     unknown = [name[:80] for name in wanted if name not in names]
     if unknown:
         raise ConfigError(f"columns {', '.join(unknown)}: no such columns; allowed: those of /api/about")
@@ -56,7 +56,7 @@ def places_of(wanted: Sequence[str], names: list[str]) -> list[int]:
 
 
 def curves_of(wanted: Sequence[str], times: Floats, low: Floats, high: Floats, most: int) -> Curves:
-    """Return curves of the wanted columns, of which `low` and `high` have (n, wanted); `most` points at most."""
+    """Return curves of columns, each of at most `most` points, from their `low` and `high` values (n, wanted)."""
     every = max(1, -(-len(times) // most))
     if every > 1:
         starts = np.arange(0, len(times), every)
@@ -71,7 +71,7 @@ def curves_of(wanted: Sequence[str], times: Floats, low: Floats, high: Floats, m
 
 
 def split(names: list[str], values: list[float]) -> tuple[Numbers, Numbers]:
-    """Return a row's true and sensed values, by the same names."""
+    """Split a row into its true and its sensed values, both by the names of the true ones."""
     truth, sensed = {}, {}
     for name, value in zip(names, values, strict=True):
         if name.startswith(SENSED_PREFIX):
@@ -82,15 +82,15 @@ def split(names: list[str], values: list[float]) -> tuple[Numbers, Numbers]:
 
 
 def units_of(names: list[str]) -> dict[str, str]:
-    """Return the unit of each column of the catalogue."""
+    """Return the units of columns, as in the catalogue."""
     return {name: COLUMNS[name].unit if name in COLUMNS else "" for name in names}
 
 
 def meanings_of(names: list[str]) -> dict[str, str]:
-    """Return what each column of the catalogue means; other columns are left out."""
+    """Return the meanings of columns, as in the catalogue; unknown columns are left out."""
     return {name: COLUMNS[name].meaning for name in names if name in COLUMNS}
 
 
 def times_of(figures: Quantiles) -> Numbers | None:
-    """Return a distribution of durations [µs]; None: there are none."""
+    """Return the quantiles of a distribution of durations [µs] as numbers; None: no durations."""
     return figures._asdict() if figures.count else None

@@ -1,4 +1,4 @@
-"""Runs that a page starts and stops: scenarios of one folder, each as a process of `liftgate-hil`.
+"""Start and stop runs from a dashboard page: scenarios of one folder, each as a process of `liftgate-hil`.
 
 The page lists the folder's scenario files: name, description and requirements of each.
 """
@@ -38,7 +38,7 @@ _Stamp = tuple[tuple[int, int], ...]  # of each file: time of the last change [n
 
 @dataclass(frozen=True)
 class _Known:
-    """A scenario file as it was read, with the files that it includes."""
+    """Cached description of a scenario file, with the files that it includes."""
 
     paths: tuple[Path, ...]
     stamp: _Stamp
@@ -46,7 +46,7 @@ class _Known:
 
 
 class Scenarios:
-    """Scenario files of a folder and those below it, the nearest first; hidden ones are left out.
+    """Scenario files of a folder and its subfolders, the nearest first; hidden files are left out.
 
     Listing reads folders and files: it is for a thread of its own, not for the server's event loop.
     """
@@ -56,7 +56,7 @@ class Scenarios:
         self._known: dict[str, _Known] = {}
 
     def names(self) -> tuple[list[str], bool]:
-        """Return the sorted names of the files, and whether these are all: a large folder is cut short."""
+        """Return the sorted names of the files, and whether the list is complete: large folders are cut short."""
         found: list[str] = []
         looked, waiting = 0, deque([""])
         while waiting:
@@ -76,13 +76,13 @@ class Scenarios:
         return sorted(found), True
 
     def listed(self) -> tuple[list[JsonObject], bool]:
-        """Return `name`, `description`, `requirement` and `issue` of each file, and whether these are all."""
+        """Return `name`, `description`, `requirement`, `issue` of each file, and whether the list is complete."""
         names, is_all = self.names()
         self._known = {name: self._read(name) for name in names}
         return [{"name": name, **each.about} for name, each in self._known.items()], is_all
 
     def _read(self, name: str) -> _Known:
-        """Return a file as it was read before, if neither it nor what it includes has changed since."""
+        """Return a file's cached description; it is read anew if the file or one that it includes has changed."""
         known = self._known.get(name)
         if known is not None and _stamp_of(known.paths) == known.stamp:
             return known
@@ -146,11 +146,11 @@ class Starter:
 
     @property
     def running(self) -> str | None:
-        """Name of the scenario that runs; None: none does."""
+        """Name of the running scenario; None: none runs."""
         return self._name if self._process is not None and self._process.poll() is None else None
 
     def state(self) -> Startable:
-        """Return the scenarios, which of them runs, and the exit code of the last one; None: none yet.
+        """Return the scenarios, the running one, and the exit code of the last one (None: none yet).
 
         It reads folders and files, see `Scenarios`.
         """
@@ -164,7 +164,7 @@ class Starter:
         }
 
     def note_end(self, pid: int, end: EndState) -> None:
-        """Keep how a run has ended that this page has started; one that expects nothing has no verdict."""
+        """Store how a run that this page has started has ended; without expectations it has no verdict."""
         if self._process is not None and self._process.pid == pid:
             is_judged = end["expectations"] or end["verdict"] != PASS
             self._verdicts[self._name] = end["ending"] if is_judged else ""
@@ -186,7 +186,7 @@ class Starter:
             self._starting.release()
 
     def _check(self, name: object) -> None:
-        """Raise ConfigError unless a scenario of that name can be started now."""
+        """Raise ConfigError unless the scenario with that name can be started now."""
         if self._is_closed:
             raise ConfigError(f"scenario {show(name)[:80]}: the page ends; allowed: on another one")
         if self.running is not None:
@@ -238,12 +238,12 @@ class Starter:
         raise RunGoneError(f"{self._name} did not begin (exit code {process.poll()}): {said}")
 
     def close(self) -> None:
-        """Stop the run, and start no more."""
+        """Stop the run, and refuse to start further ones."""
         self._is_closed = True
         self.stop()
 
     def stop(self) -> None:
-        """Stop the run in order; kill it where it does not end in time."""
+        """Stop the run in order; kill its process if it does not end in time."""
         if self._process is None or self._process.poll() is not None:
             return
         self._is_stopped = True

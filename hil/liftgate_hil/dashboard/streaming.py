@@ -1,4 +1,4 @@
-"""Streams of a page on WebSockets: a run's state to all viewers, a recording that each viewer plays for itself."""
+"""WebSocket streams of a page: a run's state to all viewers, or a recording played back for each viewer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PATIENCE_S = 10.0  # s for a viewer to take a message, after which it is droppe
 
 
 class Viewers:
-    """Viewers of a run: each gets the latest state as soon as it has taken the last one."""
+    """Viewers of a run: each gets the latest state as soon as it has received the last one."""
 
     def __init__(self) -> None:
         self._waiting: set[_Waiting] = set()
@@ -29,19 +29,19 @@ class Viewers:
         return bool(self._waiting)
 
     def publish(self, state: PageState) -> None:
-        """Send a state to all viewers; a slow one gets one state in place of several, see `merged`."""
+        """Send a state to all viewers; a slow viewer gets one merged state for several, see `merged`."""
         message = orjson.dumps(state)
         for each in self._waiting:
             each.put(state, message)
 
     async def have_taken(self) -> None:
-        """Wait until every viewer has taken what was published last."""
+        """Wait until every viewer has received the state that was published last."""
         while any(each.has_come.is_set() for each in self._waiting):
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.05)  # for the last one to be sent
 
     async def serve(self, wire: WebSocket) -> None:
-        """Send all that is published on a WebSocket, until its viewer leaves, or takes nothing for ten seconds."""
+        """Send all published states on a WebSocket, until its viewer leaves, or takes nothing for ten seconds."""
         waiting = _Waiting()
         self._waiting.add(waiting)
         leaves = asyncio.create_task(_left(wire))
@@ -59,7 +59,7 @@ class Viewers:
 
 
 class _Waiting:
-    """State that waits for a viewer to take it."""
+    """State that waits to be sent to a viewer."""
 
     def __init__(self) -> None:
         self.has_come = asyncio.Event()
@@ -67,7 +67,7 @@ class _Waiting:
         self._message: bytes | None = None  # the state as JSON, shared with other viewers; None: not made yet
 
     def put(self, state: PageState, message: bytes) -> None:
-        """Add a state with its JSON to what waits."""
+        """Merge a state, given with its JSON, into the waiting one."""
         if self.has_come.is_set():
             self._state, self._message = merged(self._state, state), None
         else:
@@ -75,13 +75,13 @@ class _Waiting:
             self.has_come.set()
 
     def take(self) -> bytes:
-        """Return what waits as JSON; nothing waits any more."""
+        """Return the waiting state as JSON; none waits any more."""
         self.has_come.clear()
         return self._message or orjson.dumps(self._state)
 
 
 def merged(older: PageState, newer: PageState) -> PageState:
-    """Return one state in place of two: the newer one, with the lines of the log and the extremes of both.
+    """Merge two states into one: the newer one, with the log lines and the extremes of both.
 
     What the older one alone has (messages and histograms, which come less often) is kept, unless the newer one is
     that of another run.
@@ -100,14 +100,14 @@ def merged(older: PageState, newer: PageState) -> PageState:
 
 
 async def _left(wire: WebSocket) -> None:
-    """Wait until the viewer has left."""
+    """Wait until the viewer has closed the connection."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             await wire.receive_text()
 
 
 async def _send(wire: WebSocket, message: bytes) -> None:
-    """Send a message. Raises WebSocketDisconnect where the viewer does not take it in time."""
+    """Send a message. Raises WebSocketDisconnect where the viewer does not receive it in time."""
     try:
         async with asyncio.timeout(_PATIENCE_S):
             await wire.send_text(message.decode())
@@ -116,7 +116,7 @@ async def _send(wire: WebSocket, message: bytes) -> None:
 
 
 async def play(wire: WebSocket, source: RecordingSource) -> None:
-    """Play a recording at the pace it was recorded with.
+    """Play a recording to a viewer at its original pace, or as the viewer asks.
 
     A viewer sends {"time_s": 12.5} to go on from there, {"speed": 0.25} to play it slower or faster.
     """
@@ -139,7 +139,7 @@ async def play(wire: WebSocket, source: RecordingSource) -> None:
 
 
 class _Player:
-    """Position in a recording that is played, from `begin` to `end` [s]."""
+    """Playback position in a recording, from `begin` to `end` [s]."""
 
     def __init__(self, begin: float, end: float) -> None:
         self.end = end
@@ -149,7 +149,7 @@ class _Player:
         return min(self._offset + self._speed * (time.monotonic() - self._began), self.end)
 
     def take(self, request: Any) -> None:
-        """Take a viewer's request; an invalid one changes nothing."""
+        """Apply a viewer's request for another position or speed; an invalid request changes nothing."""
         if not isinstance(request, dict):
             return
         place, speed = request.get("time_s", self.now()), request.get("speed", self._speed)
@@ -159,5 +159,5 @@ class _Player:
 
 
 def _is_number(value: object) -> bool:
-    """Whether a value is a finite number of a size that a time can have."""
+    """Whether a value is a finite number in the range of a time."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -1e12 < value < 1e12

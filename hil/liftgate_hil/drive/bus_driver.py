@@ -1,4 +1,4 @@
-"""Driver of a run on a bus, as far as it is the same on every clock: wire, observers, precondition on the wire."""
+"""Common part of the drivers of runs on a bus, for every clock: wire, observers, precondition on the wire."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class BusDriver(Driver):
         return not self.way.is_interface("virtual")
 
     def prepare(self, stack: contextlib.ExitStack) -> None:
-        """Find the bus or, where the plan has none, a virtual one of this process alone; make what is on it.
+        """Find the plan's bus, else a virtual one of this process alone; make the wire, peers and observers on it.
 
         Raises ConfigError, TransportError, and what `started` raises.
         """
@@ -127,7 +127,7 @@ class BusDriver(Driver):
     def let_in(
         self, channel: str, memory: Memory, own_mark: Mark, stack: contextlib.ExitStack
     ) -> FurtherRecording:
-        """Let clients attach to the loop's memory, where they may; return the recording that they may start.
+        """Let clients attach to the loop's memory, if permitted; return the recording that they may start.
 
         `own_mark` writes a mark to the run's own recordings; the stack completes the recording.
         """
@@ -139,7 +139,7 @@ class BusDriver(Driver):
         return further
 
     def monitor(self) -> ProgressMonitor:
-        """Return the monitor that reports the progress, once time 0 is known."""
+        """Return the monitor that reports the run's progress; to be called once time 0 is known."""
         from liftgate_hil.loop.progress_monitor import ProgressMonitor
 
         return ProgressMonitor(
@@ -155,7 +155,7 @@ class BusDriver(Driver):
         )
 
     def run_phases(self, begun: Callable[[Phase, bool], Going]) -> bool:
-        """Run the phases before time 0, which is where the last one ends; return whether there were any.
+        """Run the phases of the precondition, which end at time 0; return whether there were any.
 
         All are ready before the first one runs, so that the bus is silent for no longer than it takes to go on.
         `begun` begins one, and is told whether it is the first. Raises PreconditionError.
@@ -190,7 +190,7 @@ class BusDriver(Driver):
         return "; ".join(filter(None, found))
 
     def steps_again(self, summary: Summary) -> StepsAgain | None:
-        """Return what steps a real-time gate again; None where more than the ECU's commands acted on it."""
+        """Return the function that simulates a real-time run again; None: not only ECU commands acted on it."""
         frames = None if self.log is None else self.log.frames()
         if self.judge is None or self.log is None or self.begun is None or frames is None:
             return None
@@ -211,7 +211,7 @@ class BusDriver(Driver):
         )
 
     def tell_end(self, end: RunEnd) -> None:
-        """Tell attached clients, where there are any, how the run has ended."""
+        """Tell attached clients, if any, how the run has ended."""
         server = self.observers.server
         if server is None:
             return
@@ -224,7 +224,7 @@ class BusDriver(Driver):
 
 
 def _server_of(job: Job, verdicts: Callable[[], Sequence[Verdict]]) -> Server:
-    """Return the server of a run; it hears what others tell the job's listener, too, where that is a relay."""
+    """Return the server that a run's clients attach to; a relay as the job's listener sends to it from now on."""
     relay = job.listener
     assert job.attachable_as is not None
     server = Server(relay.listener if isinstance(relay, Relay) else relay, job.attachable_as, verdicts)

@@ -1,4 +1,4 @@
-"""Reporting of compilations to a listener; a stop of the run ends them."""
+"""Report compilations of machine code to a listener; a stop of the run aborts them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ENTRY_POINTS = {
 
 
 class _Watcher(compiler.Watcher):
-    """Reports compilations to a listener, and gives them up when the run is stopped."""
+    """Reports compilations to a listener, and aborts them when the run is stopped."""
 
     def __init__(self, listener: Listener, stopped: Callable[[], bool]) -> None:
         self._listener = listener
@@ -59,7 +59,7 @@ class _Watcher(compiler.Watcher):
         self._listener.compiled(_name_of(name), seconds)
 
     def not_kept(self, why: str) -> None:
-        """Report why machine code is not kept on disk."""
+        """Report why machine code is not cached on disk."""
         self._listener.say(f"machine code is not cached: {why}")
 
 
@@ -69,7 +69,7 @@ def _name_of(name: str) -> str:
 
 @contextlib.contextmanager
 def reporting_compilation(listener: Listener, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
-    """Context in which compilations are reported to a listener; GivenUpError ends them when it is `stopped`.
+    """Context in which compilations are reported to a listener; `stopped` aborts them with GivenUpError.
 
     Raises LiftgateError where the compiler's process was killed from outside, or numba is not a known version.
     """

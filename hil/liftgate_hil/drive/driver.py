@@ -1,4 +1,4 @@
-"""Driver of a run: begins, advances and finishes a plan on one kind of clock; its sinks and recordings."""
+"""Base class of drivers, each of which runs a plan on one kind of clock; and the recordings of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Recordings:
-    """Files to which a run is recorded, open until the stack is left.
+    """Recording files of a run, open until the stack is left.
 
     `sinks` write the run's rows and frames to them; there is none where nothing is recorded. No wall
     clock applies: the recordings are the same every time.
@@ -48,14 +48,14 @@ class Recordings:
         return not any(each.failure for each in self.writers)
 
     def note(self, summary: Summary) -> None:
-        """Enter files and windows in the figures of the run; they are whole once the stack is closed."""
+        """Enter files and windows of the recordings in the run's summary; complete once the stack is closed."""
         summary.recordings = [file for each in self.writers for file in each.files]
         if self._triggered is not None:
             summary.recording_windows = self._triggered.count
 
 
 class Driver:
-    """Base class of the drivers. Its life: `prepare`, `begin`, `advance`, `finish`, `summary`, `tell_end`.
+    """Base class of drivers. Order of calls: `prepare`, `begin`, `advance`, `finish`, `summary`, `tell_end`.
 
     `adapter` is that of the ECU in this process, of none where the ECU is on a bus. `memory` is that of the loop,
     where another process watches it.
@@ -74,29 +74,29 @@ class Driver:
         self.recordings: Recordings | None = None  # in this process
 
     def prepare(self, stack: contextlib.ExitStack) -> None:
-        """Open what is needed until the result is told, closed with the stack.
+        """Open the resources needed until the result has been reported; leaving the `stack` closes them.
 
         Raises ConfigError, TransportError, and what `started` raises.
         """
 
     def begin(self, stack: contextlib.ExitStack) -> None:
-        """Open all else that the run needs, closed with the stack, and go through its precondition. Raises
+        """Open all other resources of the run, closed with the `stack`, and run its precondition. Raises
         ConfigError, TransportError, PreconditionError, RecordingError, and what an ECU's code raises.
         """
         raise NotImplementedError
 
     def advance(self, ticks: int | None) -> None:
-        """Run until so many ticks after time 0 are done (None: without limit), or the run is stopped. Raises
+        """Run until `ticks` ticks after time 0 are done (None: without limit), or the run is stopped. Raises
         OverrunError, PlantDivergedError, EcuError.
         """
         raise NotImplementedError
 
     def finish(self) -> None:
-        """Switch the motors off and hand on what is left, also after a run that failed."""
+        """Switch the motors off and pass the remaining rows and frames to the sinks, also after a failed run."""
         raise NotImplementedError
 
     def summary(self) -> Summary:
-        """Return the figures of the run; those of recordings are whole once the stack is closed."""
+        """Return the summary of the run; its figures of recordings are complete once the stack is closed."""
         raise NotImplementedError
 
     def recording_failures(self) -> list[str]:
@@ -108,14 +108,14 @@ class Driver:
         return ""
 
     def steps_again(self, summary: Summary) -> StepsAgain | None:
-        """Return what steps the gate again, where the bench may have been late; None: it cannot be stepped."""
+        """Return the function that simulates the run again with earlier and later commands; None: impossible."""
         return None
 
     def tell_end(self, end: RunEnd) -> None:
-        """Tell attached clients, where there are any, how the run has ended."""
+        """Tell attached clients, if any, how the run has ended."""
 
     def told(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
-        """Return the summary of a run, with what it has on refused frames filled in."""
+        """Return the summary of a run, completed with the counts and texts of refused frames."""
         plan = self.plan
         began_s = int(stimuli.origin[0]) * plan.config.step
         texts = RefusalTexts(plan.rig, plan.config, began_s, is_bus=plan.way is not None)

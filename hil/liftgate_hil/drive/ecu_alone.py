@@ -1,4 +1,4 @@
-"""An ECU alone on a bus, at the other end of which a gate may be: `liftgate-hil ecu`."""
+"""Run an ECU alone on a bus, with or without a gate at its other end: `liftgate-hil ecu`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def drive_alone(request: EcuRequest, listener: Listener, stopped: Callable[[], b
 
 
 def _coding(text: str) -> Coding:
-    """Return the coding of SPEED,LIMITS. Raises ConfigError."""
+    """Return the vehicle coding given as the text SPEED,LIMITS. Raises ConfigError."""
     known, values = keys_of(Coding), text.split(",")
     if len(values) != len(known):
         raise ConfigError(f"`coding` {text}: allowed: SPEED,LIMITS")
@@ -84,7 +84,7 @@ def _coding(text: str) -> Coding:
 
 
 def _planned(requests: Sequence[Request]) -> str:
-    """Return a text on when the ECU is asked for what."""
+    """Return a text that lists the ECU's requests and when each of them is made."""
     if not requests:
         return "no requests but those on the bus"
     times = ", ".join(f"{each.action} at {each.when.time:g} s" for each in requests)
@@ -92,7 +92,7 @@ def _planned(requests: Sequence[Request]) -> str:
 
 
 class _Waiting:
-    """Messages on the wait for the gate's first frame."""
+    """Reports to the listener that the ECU waits for the gate's first frame."""
 
     def __init__(self, rig: Rig, bus: str, within: str, listener: Listener) -> None:
         from liftgate_hil.loop.refusal_texts import identifier_text
@@ -104,7 +104,7 @@ class _Waiting:
         self._is_told, self._has_told_other = False, False
 
     def look(self, now: int, peer: Peer) -> None:
-        """Report the wait once it is long, what else is on the bus, and that it is over."""
+        """Report a long wait for the gate, foreign frames on the bus meanwhile, and the end of the wait."""
         other = peer.first_other
         if peer.has_heard_the_gate:
             if self._is_told:
@@ -122,7 +122,7 @@ class _Waiting:
 
 
 class _Losses:
-    """Message on the first frames that are dropped from now on before this process reads them."""
+    """Reports to the listener the first frames dropped from now on before this process reads them."""
 
     def __init__(self, peer: Peer, bus: str, listener: Listener) -> None:
         self._peer, self._bus, self._listener = peer, bus, listener
@@ -130,7 +130,7 @@ class _Losses:
         self._is_told = False
 
     def look(self, now: int) -> None:
-        """Report the loss, once."""
+        """Report dropped frames, once."""
         if not self._is_told and self._peer.dropped > self._before:
             self._is_told = True
             self._listener.say(
@@ -173,7 +173,7 @@ def _take_turns(
 
 @contextlib.contextmanager
 def _going_first(realtime: bool | None, listener: Listener) -> Iterator[None]:
-    """Let this thread go before others, as far as the user wants and the machine permits."""
+    """Context in which this thread has priority over others, as far as requested and permitted."""
     from liftgate_hil.loop.priority import FIFO, PRIORITY, going_first, in_one_line
 
     if realtime is False:

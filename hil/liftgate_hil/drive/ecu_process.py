@@ -84,7 +84,7 @@ def _ecu_process(plan: Plan, ecu_serial: str | None, listener: Listener) -> Iter
 
 
 def _begin_child() -> None:
-    """Prepare a child, which a Ctrl-C to all processes of a terminal must not end while Python starts in it."""
+    """Prepare a child process: a Ctrl-C to all processes of a terminal must not end it while Python starts."""
     dies_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -136,7 +136,7 @@ class EcuProcess:
         return self._process.poll() is not None
 
     def end(self, was_stopped: bool, has_taken_part: bool) -> None:
-        """End the process of a run, which a signal may have stopped.
+        """End the ECU's process after a run; `was_stopped`: a signal has stopped the run.
 
         Raises ConfigError or EcuError where it had failed or fails now, had ended too early, or is ours and has
         not taken part in a run that was not stopped.
@@ -159,5 +159,5 @@ class EcuProcess:
             raise EcuError(f"the ECU's process did not take part: {text}")
 
     def kill(self) -> None:
-        """End the process at once; its supervisor, if any, ends the processes that it has started."""
+        """Kill the process at once; its supervisor, if any, ends the processes that it has started."""
         end(self._process, _LEAVE_S)

@@ -1,4 +1,4 @@
-"""Driver of a run in machine code: gate and ECU in this process, waiting for nobody."""
+"""Driver of a run in machine code, as fast as possible: gate and ECU in this process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_hil.plan.request import PRIVATE_BUS
 
 
 class EpisodeDriver(Driver):
-    """Driver of a run as fast as it goes. No bench is late here: no gate is stepped again."""
+    """Driver of a run as fast as possible. It is never late, so that no run is simulated again."""
 
     _episode: Episode | None = None
     _has_failed = False
@@ -55,13 +55,13 @@ class EpisodeDriver(Driver):
         self._has_failed = False
 
     def finish(self) -> None:
-        """Tick once more with the motors off, where nothing has gone wrong."""
+        """Run one more tick with the motors off, unless the run has failed."""
         if self._episode is not None and not self._has_failed:
             with foreign_code(self.memory):
                 self._episode.finish()
 
     def summary(self) -> Summary:
-        """Return the figures of the run."""
+        """Return the summary of the run."""
         if self._episode is None or self.recordings is None:
             return Summary(clock="free")
         summary = self._episode.summary(self.plan.rig.bitrate)

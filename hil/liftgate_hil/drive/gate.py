@@ -209,7 +209,7 @@ class Gate:
         meets: str = "closing",
         lateral: float = 0.0,
     ) -> None:
-        """Put a compliant body (N/m, N s/m) in the gate's way, met while closing or opening.
+        """Put a compliant body (N/m, N s/m) in the gate's way, touched while closing or opening.
 
         It is at an angle [deg], a distance [m] from the hinge (default: the gate's edge) and a lateral position
         [m] (positive to the left).
@@ -234,7 +234,7 @@ class Gate:
         self._target.hold(held_obstacle(None))
 
     def _make_room(self) -> None:
-        """Take the commands that wait for the next tick, so that more can be posted."""
+        """Apply the commands queued for the next tick, so that the queue has room for more."""
         take_posted(self._episode.stimuli, self.time)
 
     def signal(self, name: str, value: float | str | None) -> None:
@@ -312,7 +312,7 @@ class Gate:
         clear_codes(*self._to_be_asked("clear_dtcs", cycle))
 
     def _to_be_asked(self, name: str, cycle: Callable[[], object]) -> tuple[Diagnostics, CallerLoop]:
-        """Return the rig's diagnostics, and the bench for a request to the ECU. Raises ConfigError."""
+        """Return the rig's diagnostics, and the caller's loop through which a tester asks. Raises ConfigError."""
         self._check_open()
         own = self.rig.diagnostics
         if own is None:
@@ -348,7 +348,7 @@ class Gate:
         return self._sent
 
     def _note(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Note what happened in a stretch of a step."""
+        """Keep the last row, sent frames, orders and Hall edges of a part of a step."""
         from liftgate_hil.transport.messages import logged_message
 
         self._row[:] = rows[-1]
@@ -383,7 +383,7 @@ class Gate:
 
 
 class _StepSink:
-    """Sink that passes what happened to its gate."""
+    """Sink that passes the rows and frames of a step to its gate."""
 
     def __init__(self, gate: Gate) -> None:
         self._gate = gate
@@ -399,7 +399,7 @@ def _cannot_reset() -> None:
 
 
 class InjectedFault:
-    """A fault that a gate has, until it is cleared."""
+    """A fault injected into a gate, in force until it is cleared."""
 
     def __init__(self, gate: Gate, fault: Fault) -> None:
         self._gate = gate

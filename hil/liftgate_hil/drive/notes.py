@@ -31,7 +31,7 @@ _STILL_DEG = 0.5  # less is a gate that presses against its latch or seal
 
 
 def notes_on(setup: Setup, adapter: Adapter) -> list[str]:
-    """Return the notes on a run."""
+    """Return the notes on a run that follow from its setup and its ECU."""
     scenario = setup.scenario
     found = [*_compared_with_itself(scenario)]
     found += [f"parameters.{name}: not used: ${name} stands nowhere" for name in scenario.unused_parameters]
@@ -59,7 +59,7 @@ def _soft_obstacles(scenario: Scenario) -> Iterator[str]:
 
 
 def too_rare(rig: Rig, adapter: Adapter) -> list[str]:
-    """Return a note on an ECU in this process that is called so rarely that its commands time out, in a list."""
+    """Return a list with a note on an in-process ECU called so rarely that its commands time out; or empty."""
     period_s = adapter.node.port.period_ns * 1e-9 if adapter.kind == PORT else 0.0
     name = rig.command_message()
     timeout_s = 1e-3 * rig.timeout_ms(name)
@@ -70,7 +70,7 @@ def too_rare(rig: Rig, adapter: Adapter) -> list[str]:
 
 
 def without_motion(setup: Setup, result: Result) -> list[str]:
-    """Return a note on what commanded a gate that did not move as it was asked to, in a list."""
+    """Return a list with a note on the commands to a gate that did not move as requested; empty: none."""
     angles = result.minima["gate_angle_deg"], result.maxima["gate_angle_deg"]
     is_asked = any(each.action in ("open", "close") for each in setup.scenario.requests)
     if result.verdict == PASS or not is_asked or not result.summary.received.accepted:
@@ -88,7 +88,7 @@ def without_motion(setup: Setup, result: Result) -> list[str]:
 
 
 def without_contact(setup: Setup, result: Result) -> list[str]:
-    """Return a note on obstacles of a scenario that the gate never met, in a list."""
+    """Return a list with a note on a scenario's obstacles that the gate never touched; empty: none."""
     obstacles = setup.scenario.stimuli.obstacles
     if not obstacles or result.maxima["pinch_force_n"] != 0.0:
         return []
@@ -98,7 +98,7 @@ def without_contact(setup: Setup, result: Result) -> list[str]:
 
 
 def on_the_bus(plan: Plan, summary: Summary) -> list[str]:
-    """Return notes on what a bus of CAN would not have carried, or did not carry, in a list."""
+    """Return notes on frames that a real CAN bus could not carry in time or at all, or that were not sent."""
     rig, way, link = plan.rig, plan.way, summary.link
     has_fd = rig.is_fd if way is None else way.is_fd or way.serial is not None
     found = []
@@ -117,7 +117,7 @@ def on_the_bus(plan: Plan, summary: Summary) -> list[str]:
 
 
 def without_effect(actions: Iterable[str], adapter: Adapter) -> list[str]:
-    """Return a note on requests for which an ECU in this process has no function, in a list; empty: it has one."""
+    """Return a list with a note on requests that an in-process ECU has no function for; empty: none."""
     # A reset is none of these: one that the ECU does not take ends the run.
     missed = [
         each

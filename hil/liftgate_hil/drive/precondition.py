@@ -54,15 +54,15 @@ class PhaseEnd:
         return False
 
     def has_come(self) -> bool:
-        """Whether the awaited event has occurred. Raises PreconditionError."""
+        """Whether the event that ends the phase has occurred. Raises PreconditionError."""
         raise NotImplementedError
 
     def missing(self) -> str:
-        """Return in words what has not occurred."""
+        """Return in words which awaited event has not occurred."""
         return "not finished"
 
     def close(self) -> None:
-        """Stop what the phase has started. The base class does nothing; only `_Program` has something to stop."""
+        """End the processes that the phase has started, if any. The base class does nothing."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class _Ready(PhaseEnd):
 
 
 class _Stands(PhaseEnd):
-    """Ends a phase once the motion is over."""
+    """Ends a phase once the gate's motion is over."""
 
     def __init__(self, what: str, step: float) -> None:
         super().__init__(what, LONGEST_MOTION, step)

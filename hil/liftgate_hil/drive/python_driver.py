@@ -59,7 +59,7 @@ class PythonDriver(BusDriver):
         self.listener.ready()
 
     def _shown(self, channel: str, recordings: Recordings, stack: contextlib.ExitStack) -> list[Sink]:
-        """Return the sink that fills the memory which attached clients read; none where no client may attach."""
+        """Return a list with the sink that fills the memory read by attached clients; empty: none may attach."""
         from liftgate_hil.loop.realtime_run import memory_for
         from liftgate_hil.loop.rings import RingSink
 
@@ -115,7 +115,7 @@ class PythonDriver(BusDriver):
             self.observers.end()
 
     def finish(self) -> None:
-        """Run one more tick with the motors off, and take the figures of the run."""
+        """Run one more tick with the motors off, and keep the figures of the run."""
         assert self._loop is not None
         try:
             self._loop.finish()
@@ -124,7 +124,7 @@ class PythonDriver(BusDriver):
             self._summary = self.told(summary, self.start.state, self.start.stimuli)
 
     def summary(self) -> Summary:
-        """Return the figures of the run."""
+        """Return the summary of the run."""
         found = self._summary or Summary(clock=self.plan.request.clock)
         if self.recordings is not None:
             self.recordings.note(found)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RealtimeDriver(BusDriver):
-    """Driver of a run on its bus in real time; closing the recorder raises what failed in a recording."""
+    """Driver of a run on its bus in real time; closing the recorder raises the errors of recordings."""
 
     _realtime: Realtime | None = None
     _loop: RealtimeRun | None = None
@@ -70,7 +70,7 @@ class RealtimeDriver(BusDriver):
         return self._recorder is None or self._recorder.mark(time_s, text)
 
     def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
-        """A run on the line with these stimuli, with a memory of its own until the stack is left."""
+        """Return a real-time run on the line with these stimuli, whose memory lasts until the stack is left."""
         plan = self.plan
         memory = memory_for(plan.request.rate)
         stack.callback(memory.close)
@@ -89,7 +89,7 @@ class RealtimeDriver(BusDriver):
         )
 
     def _phase_begun(self, made: Callable[[StimulusPlan], RealtimeRun], phase: Phase, is_first: bool) -> Going:
-        """Begin a phase before time 0: what goes on with it from a state."""
+        """Prepare the real-time loop of a phase before time 0; return the function that runs it from a state."""
         before = made(phase.stimuli)
         before.sinks, before.is_last, before.is_first = [phase.end], False, is_first
         before.begin()

@@ -58,7 +58,7 @@ class Result(described_result.DescribedResult):
     @property
     def judged(self) -> Annotated[str | None, Shown("`pass`, `fail`, `error` or `inconclusive`: the worst of the "
         "expectations; null: there are none. The exit code of `run` reports on the bench alone", key="verdict")]:
-        """The worst of its expectations; None: there are none."""
+        """Worst verdict of the scenario's expectations; None: there are none."""
         return self.verdict if self.expectations else None
 
     @property
@@ -70,11 +70,11 @@ class Result(described_result.DescribedResult):
     # fmt: on
     @property
     def ending(self) -> str:
-        """The verdict; "given up": the bench has ended the run early."""
+        """Verdict of the run, or "given up" where the bench has ended it early."""
         return GIVEN_UP if self.is_given_up and self.verdict == INCONCLUSIVE else self.verdict
 
     def __bool__(self) -> bool:
-        """Raise TypeError: a result that fails would be true, too."""
+        """Raise TypeError: the result of a failed run would count as true, too."""
         raise TypeError('a Result is neither true nor false; allowed: result.verdict == "pass"')
 
 
@@ -87,7 +87,7 @@ def result_of(
     again: StepAgain | None = None,
     given_up: str = "",
 ) -> Result:
-    """Return the result from what the sinks have seen.
+    """Return the result of a run from the data that its sinks have collected.
 
     `not_made` names stimuli that could not be applied on the bus, `again` steps the gate again where the bench's
     lateness may have decided, `given_up` is why the bench ended the run early.
@@ -126,7 +126,7 @@ def result_of(
 
 
 def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
-    """Return why a run fails, or is inconclusive: the reasons of the expectations that do; "" for another verdict.
+    """Return why a run fails or is inconclusive: the reasons of its expectations with that verdict; else "".
 
     A reason that several expectations share stands once, after all their names.
     """
@@ -140,7 +140,7 @@ def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
 
 
 def nothing_of(job: Job, reason: str, ticks: int) -> Result:
-    """Return the result of a run of which no more is known than its length."""
+    """Return a result without data, for a run of which only the length is known."""
     nothing = ColumnValues.fromkeys(COLUMNS, math.nan)
     return Result(
         verdict="error" if reason else "pass",
@@ -172,7 +172,7 @@ def silence_of(scenario: Scenario, rig: Rig) -> float:
 
 
 def _lateness(summary: Summary, extremes: Extremes) -> str:
-    """Return how the bench was late beyond what its rows show; "": it was not, or its clock cannot be late."""
+    """Return in words how late the bench was beyond the lateness in the run's rows; "": it was not."""
     if summary.clock != "realtime" or extremes.high is None:
         return ""
     if summary.unseen_rows:

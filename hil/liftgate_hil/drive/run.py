@@ -74,7 +74,7 @@ def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:
 
 
 def _unpacked(payload: bytes) -> object:
-    """Return a worker's answer, unpickled. Raises EcuError where the ECU's code has spoiled it."""
+    """Return a worker's answer, unpickled. Raises EcuError where the ECU's code has corrupted it."""
     try:
         answer = pickle.loads(payload)
     except Exception as error:  # it may hold an object of the ECU's

@@ -67,7 +67,7 @@ def run_plan(
 
 
 def _driver_class(plan: Plan) -> type[Driver]:
-    """Return the driver of the plan's clock."""
+    """Return the driver class for the plan's clock."""
     if plan.job.is_episode:
         return EpisodeDriver
     if plan.request.clock == "realtime":
@@ -80,7 +80,7 @@ def _driver_class(plan: Plan) -> type[Driver]:
 
 
 def _result_of(driver: Driver, stack: contextlib.ExitStack) -> Result:
-    """Run a plan to its end, and return the result. Raises ConfigError, GivenUpError."""
+    """Run a driver's plan to its end, and return the result. Raises ConfigError, GivenUpError."""
     plan, sinks, adapter = driver.plan, driver.sinks, driver.adapter
     reason = given_up = ""
     try:
@@ -108,7 +108,7 @@ def _result_of(driver: Driver, stack: contextlib.ExitStack) -> Result:
 
 
 def _noted(driver: Driver, result: Result) -> Result:
-    """Return the result with notes on the run before those of its judge."""
+    """Return the result, with notes on the run in front of those of its judge."""
     plan, setup, adapter = driver.plan, driver.plan.setup, driver.adapter
     notes = [*notes_on(setup, adapter), *too_rare(plan.rig, adapter)]
     notes += on_the_bus(plan, result.summary)

@@ -63,7 +63,7 @@ class _Kept:
 
 
 class SharedStarts:
-    """The state after the last precondition, for runs in one process that differ only in what comes after it.
+    """Cache of the state after the last precondition, for runs in one process that differ only later on.
 
     Obstacles, profiles, faults and requests of a scenario act from its time 0 on, so that a precondition depends
     on vehicle, seed, rig, ECU and bus traffic alone. Only the reference ECU has a state that can be copied.
@@ -73,7 +73,7 @@ class SharedStarts:
         self._kept: _Kept | None = None
 
     def restored(self, plan: Plan, adapter: Adapter, begin: LoopStart) -> LoopStart | None:
-        """Put the ECU, and the origin of the stimuli, into the kept state; None: there is none for this run."""
+        """Restore ECU and stimuli's origin from the kept state; None: no state is kept for this run."""
         kept = self._kept
         if kept is None or kept.key != _key_of(plan):
             return None
@@ -100,7 +100,7 @@ def reference_copied(node: NodeState) -> NodeState:
 
 
 def _key_of(plan: Plan) -> tuple[Any, ...]:
-    """Return what a precondition depends on, apart from rig, ECU and rate, which all runs here have in common."""
+    """Return the key of a precondition: all that it depends on but rig, ECU and rate, which all runs share."""
     setup = plan.setup
     scenario = setup.scenario
     return setup.vehicle, setup.seed, setup.start_angle, scenario.precondition, scenario.signals

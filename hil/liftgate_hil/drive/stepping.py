@@ -1,4 +1,4 @@
-"""Step the gate of a real-time run again, in model time, with the commands that it received.
+"""Simulate the gate of a real-time run again, in model time, with the commands that it received.
 
 log = CommandLog()                                # a sink of the run
 ...
@@ -47,7 +47,7 @@ class CommandLog:
         self._count = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Keep received frames and angles; once there are too many, none."""
+        """Keep received frames and the gate's angles; once there are too many, discard all of them."""
         come = frames[frames["is_sent"] == 0]
         self._count += len(come) + len(rows)
         if self._count > _MOST:
@@ -69,7 +69,7 @@ class CommandLog:
 
 
 def relevant_frames(rig: Rig, frames: Any, expected: Expected, stimuli: StimulusPlan) -> Any:
-    """Return those of the `frames` (n,) LOGGED, sent and received, that the gate, its tester or expectations read.
+    """Return the `frames` (n,) LOGGED, sent and received, that the gate, its tester or expectations read.
 
     Of the messages that only expectations read, those that the bench itself sends are left out. The frames are in
     the order of their arrival, whose times are in whole microseconds, as in recordings.
@@ -85,7 +85,7 @@ def relevant_frames(rig: Rig, frames: Any, expected: Expected, stimuli: Stimulus
 
 
 class _Angles:
-    """Sink that compares the gate's angle with what it was in a run."""
+    """Sink that compares the gate's angle with its angle in the original run."""
 
     def __init__(self, known: NDArray[np.float64]) -> None:
         self._known = known
@@ -93,7 +93,7 @@ class _Angles:
         self.are_same = True
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Compare the angles of these rows."""
+        """Compare the angles in these rows with those of the original run."""
         angles = rows[:, COLUMN_PLACE["gate_angle_deg"]]
         known = self._known[self._seen : self._seen + len(angles)]
         self._seen += len(angles)
@@ -102,7 +102,7 @@ class _Angles:
 
 @dataclass
 class StepsAgain:
-    """Steps the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
+    """Simulates the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
 
     begun: LoopStart
     frames: Any  # (n,) LOGGED, see `relevant_frames`
@@ -117,7 +117,7 @@ class StepsAgain:
     _known: dict[float, _Stepped | None] = field(default_factory=dict)  # by commands' shift [s]
 
     def __call__(self, late: float) -> SteppedAgain | None:
-        """Step the gate again with the commands as they arrived, and earlier and later by `late` [s].
+        """Simulate the gate again with the commands as they arrived, and earlier and later by `late` [s].
 
         `late` is rounded up to a tick. Returns None where the plant diverged, the gate does not move as in the
         run, or the run is stopped.
@@ -141,7 +141,7 @@ class StepsAgain:
         return self._known[shift]
 
     def _stepped(self, shift: float) -> _Stepped | None:
-        """Return the verdicts with the commands later by a shift [s]; None: stopped, or another motion."""
+        """Return the verdicts with all commands delayed by a shift [s]; None: stopped, or another motion."""
         start = self.begun.with_own_arrays()
         start.stimuli.bus_faults.rows["direction"] &= ~RECEIVED  # what was received is known
         judge = Judge(self.expected, self.rate, self.end)
@@ -163,7 +163,7 @@ class StepsAgain:
 
 
 class _Stepped(NamedTuple):
-    """Result of stepping the gate again once: verdicts, and trace summaries by the name of an expectation."""
+    """Result of one repeated simulation: verdicts, and trace summaries by the name of an expectation."""
 
     verdicts: Sequence[Verdict]
     trace_summaries: Mapping[str, TraceSummary]

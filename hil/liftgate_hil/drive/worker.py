@@ -57,7 +57,7 @@ def main() -> int:
 
 
 def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
-    """Show that the interpreter lock, which an ECU may keep, is free; answer once where the ECU's code is."""
+    """Count up in `memory` while the interpreter lock is free; when asked, answer once where the ECU's code is."""
     control = memory.shared.control[0]
     while not control.asked:
         control.pulse += 1

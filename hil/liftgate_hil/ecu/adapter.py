@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Adapter:
-    """Adapter of an ECU in this process; this base class has no ECU at all, and its bus is silent.
+    """Base class of adapters for an ECU in this process; used alone, it is no ECU, and its bus is silent.
 
     Use it as a context manager, or call `close`.
     """
@@ -52,15 +52,15 @@ class Adapter:
         self.close()
 
     def events(self, since: int = 0) -> list[Event]:
-        """Return the events that the ECU has reported after the first `since`; this one reports none."""
+        """Return the ECU's events after the first `since` ones; the base class reports none."""
         return []
 
     def begins_anew(self, time: float, in_flight: int) -> None:
-        """Count the times of events from a time [s] of the ECU's clock, at which frames of it were in flight."""
+        """Count event times from a time [s] of the ECU's clock, when `in_flight` of its frames were under way."""
         self._began, self.in_flight = time, in_flight
 
     def failure(self) -> str:
-        """Return why a call of the ECU failed."""
+        """Return why a call of the ECU failed, in words."""
         answer = int(self.state.port.head.answer[0])
         if answer:
             return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
@@ -70,19 +70,19 @@ class Adapter:
         )
 
     def dropped(self) -> int:
-        """Return how many frames were dropped so far because the ECU had no room for them."""
+        """Return the number of frames dropped so far because the ECU had no room for them."""
         return int(self.state.port.head.dropped[0])
 
     def digest(self) -> str:
-        """Return a digest of all that the ECU has in its memory; "": unknown, as of a foreign ECU."""
+        """Return a digest of the ECU's whole memory; "": unknown, as of a foreign ECU."""
         return ""
 
     def command_digest(self) -> str:
-        """Return a digest of all commands so far; "": unknown."""
+        """Return a digest of all commands that the ECU has sent so far; "": unknown."""
         return ""
 
     def last_frames(self) -> Frames | None:
-        """Return the frames that the ECU sends when it is switched off; None: it sends none."""
+        """Return the frames that the ECU sends last, when it is switched off; None: it sends none."""
         return None
 
     def takes(self, action: str) -> bool:
@@ -94,7 +94,7 @@ class Adapter:
         self.state = NodeState(new_ecu(self.node.reference, self.shares_clock), wire.new_port_state())
 
     def close(self) -> None:
-        """Release what the adapter holds."""
+        """Release the resources of the adapter."""
 
 
 class ReferenceEcu(Adapter):
@@ -109,18 +109,18 @@ class ReferenceEcu(Adapter):
         super().__init__(rig, drives, shares_clock, calibration)
 
     def begins_anew(self, time: float, in_flight: int) -> None:
-        """Count the times of events from a time [s] of the ECU's clock, and discard the events so far."""
+        """Count event times from a time [s] of the ECU's clock, and discard the events so far."""
         super().begins_anew(time, in_flight)
         control = self.state.reference.memory.control
         control.events[:] = control.noted[:] = 0
 
     def events(self, since: int = 0) -> list[Event]:
-        """Return the ECU's events after the first `since`, as far as its ring still holds them."""
+        """Return the ECU's events after the first `since` ones, as far as its ring buffer still holds them."""
         found = events_since(self.state.reference.memory, since)
         return [each._replace(time=each.time - self._began) for each in found]
 
     def reset(self) -> None:
-        """Reset the ECU; reported events and, as in non-volatile memory, trouble codes are kept."""
+        """Reset the ECU; its events and, as in non-volatile memory, its trouble codes are kept."""
         before = self.state.reference.memory
         note_course(before, True)  # the reset clears learned loads that are not in the course yet
         super().reset()
@@ -137,10 +137,10 @@ class ReferenceEcu(Adapter):
         return hashlib.sha256(b"".join(each.tobytes() for each in self.state.reference.memory)).hexdigest()
 
     def command_digest(self) -> str:
-        """Return a digest of the command in all control cycles."""
+        """Return a digest of the commands in all control cycles."""
         return hashlib.sha256(command_course(self.state.reference.memory).tobytes()).hexdigest()
 
     def last_frames(self) -> Frames | None:
-        """Return the ECU's command frames with the motors off."""
+        """Return the ECU's command frames with the motors off, which it sends last."""
         frames: Frames = last_frames(self.node.reference, self.state.reference)
         return frames

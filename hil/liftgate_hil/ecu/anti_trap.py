@@ -1,4 +1,4 @@
-"""Anti-trap detection by the drives' load, compared with the load learned at the same position.
+"""Anti-trap detection: compares the drives' load with the load learned at the same gate position.
 
 The load is the motor current less what accelerates the drives. The reference is learned in undisturbed runs,
 position by position, with fine bins near closed, where the seal is. Whatever shifts the whole curve in a run
@@ -21,7 +21,7 @@ from liftgate_hil.ecu.memory import EcuConstants
 
 @compilable
 def begin_run(guard: Any) -> None:
-    """Reset a guard for a new run, which starts from rest."""
+    """Reset an anti-trap guard for a new run from standstill."""
     guard.offset = np.nan
     guard.time = 0.0
     guard.suspect = 0
@@ -32,7 +32,7 @@ def begin_run(guard: Any) -> None:
 
 @compilable
 def bins_a_count(position: float, travel: float) -> float:
-    """Return the number of bins per count at a position [counts]."""
+    """Return the number of reference bins per Hall count at a position [counts]."""
     if position < FINE_TO:
         return FINE / (FINE_TO - FINE_FROM)
     return (BINS - FINE) / max(travel - FINE_TO, 1.0)
@@ -40,7 +40,7 @@ def bins_a_count(position: float, travel: float) -> float:
 
 @compilable
 def bin_at(position: float, travel: float) -> float:
-    """Return the place [bins] of a position [counts], limited to the range of the bins."""
+    """Return the fractional bin index of a position [counts], limited to the range of the bins."""
     if position < FINE_TO:
         place = (position - FINE_FROM) * bins_a_count(position, travel)
     else:
@@ -50,7 +50,7 @@ def bin_at(position: float, travel: float) -> float:
 
 @compilable
 def step_after(guard: Any, index: int) -> float:
-    """Return how much larger [A] the reference of the next bin is; NaN where one of the two is not known."""
+    """Return the increase [A] of the reference load from one bin to the next; NaN where either is unknown."""
     if index < 0 or index >= BINS - 1:
         return np.nan
     return float(guard.reference[index + 1] - guard.reference[index])
@@ -58,7 +58,7 @@ def step_after(guard: Any, index: int) -> float:
 
 @compilable
 def reference_at(guard: Any, place: float) -> tuple[float, float]:
-    """Return the learned load [A] at a place [bins], and how steep it is around there [A/bin].
+    """Return the learned reference load [A] at a bin index, and its slope there [A/bin].
 
     The load is interpolated linearly from bin to bin, and extrapolated beyond the last known one. NaN where it is
     not known.
@@ -85,7 +85,7 @@ def reference_at(guard: Any, place: float) -> tuple[float, float]:
 def watch(
     constants: EcuConstants, guard: Any, load: float, position: float, travel: float, hidden: float, in_seal: bool
 ) -> TrapDecision:
-    """Judge one cycle: compare the load with the reference, and update the guard.
+    """Check one cycle for trapping: compare the load with the reference load, and update the guard.
 
     `load` [A] is positive against the motion; position and travel are in counts, or NaN; `hidden` [A] is the part
     of the load that the acceleration may cause. In the seal, no load counts as an obstacle before the reference is
@@ -127,7 +127,7 @@ def watch(
 
 @compilable
 def learn(guard: Any) -> None:
-    """Take the loads of a run that ended undisturbed into the reference."""
+    """Add the loads of a run without an obstacle to the guard's learned reference load."""
     for i in range(BINS):
         if guard.samples[i] > 0:
             mean = guard.total[i] / guard.samples[i]
@@ -137,6 +137,6 @@ def learn(guard: Any) -> None:
 
 @compilable
 def forget(guard: Any) -> None:
-    """Discard the reference, which was learned over another travel."""
+    """Discard the anti-trap guard's learned reference load, as the gate's travel has changed."""
     for i in range(BINS):
         guard.reference[i] = np.nan

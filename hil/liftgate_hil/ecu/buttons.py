@@ -1,4 +1,4 @@
-"""Driver's buttons received on the bus: the ECU's side of a rig's [requests]."""
+"""Driver's buttons received on the bus: the ECU's side of the rig's table [requests]."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Buttons(NamedTuple):
-    """Bus signals of the driver's buttons."""
+    """Bus signals of the driver's buttons, and how to decode them."""
 
     bus: BusConfig
     place: NDArray[np.int64]  # (buttons,) row of the button's signal
@@ -37,7 +37,7 @@ class ButtonState(NamedTuple):
 
 
 def buttons_of(rig: Rig) -> Buttons:
-    """Return the buttons of a rig. Raises ConfigError."""
+    """Return the bus signals of the driver's buttons in a rig. Raises ConfigError."""
     own = {action: rig.driver.buttons[action] for action in BUTTONS if action in rig.driver.buttons}
     names = list(dict.fromkeys(each.signal for each in own.values()))
     issues = ConfigIssues(rig.source)
@@ -52,7 +52,7 @@ def buttons_of(rig: Rig) -> Buttons:
 
 
 def nothing_pressed(buttons: Buttons) -> ButtonState:
-    """Return the state before the first frame, in which no button is pressed."""
+    """Return the buttons' state before the first frame, in which no button is pressed."""
     return ButtonState(
         nothing_received(buttons.bus, len(buttons.bus.signals)), np.zeros(len(buttons.action), dtype=np.int64)
     )
@@ -60,7 +60,7 @@ def nothing_pressed(buttons: Buttons) -> ButtonState:
 
 @compilable
 def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
-    """Return the request of a button that these frames newly report as pressed; NO_REQUEST: none."""
+    """Return the request of a button whose signal changes to pressed in these frames; NO_REQUEST: none."""
     if len(buttons.bus.messages) > 0:
         for row in range(frames.count):
             if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD_FLAGS) >= 0:

@@ -1,4 +1,4 @@
-"""Calibration of the reference ECU: what an ECU developer would calibrate.
+"""Calibration of the reference ECU: the constants that an ECU developer would calibrate.
 
 Speeds are in Hall counts per second, positions in counts.
 """
@@ -11,7 +11,7 @@ from liftgate_plant.coding import Coding
 
 
 class Defects(NamedTuple):
-    """Defects of the ECU's program; those of its numbers are other values of the calibration."""
+    """Seeded defects of the ECU's program; defects of its constants are other values of the calibration."""
 
     closing_unwatched: int = 0  # 1: nothing trapped is detected while closing
     opening_unwatched: int = 0  # 1: nothing trapped is detected while opening
@@ -31,7 +31,7 @@ NO_DEFECTS = Defects()
 
 
 class Calibration(NamedTuple):
-    """Constants of the reference ECU, chosen by hand on the three shipped vehicles."""
+    """Constants of the reference ECU, tuned by hand on the three shipped vehicles."""
 
     # Motion: speeds over the travel [travels/s], at PLACES from closed to open. Closing is slow where the gate's
     # edge moves fast at a given speed of the drives, and where the backlash is crossed.
@@ -110,7 +110,7 @@ CALIBRATED = Calibration()
 
 
 def coded(calibration: Calibration, coding: Coding) -> Calibration:
-    """Return the calibration for the coding of a vehicle."""
+    """Return the calibration adapted to the coding of a vehicle."""
     pace, limits = coding.closing_speed, coding.anti_trap_limits
     return calibration._replace(
         closing_speed=tuple(pace * speed for speed in calibration.closing_speed),

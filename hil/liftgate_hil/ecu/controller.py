@@ -1,4 +1,4 @@
-"""The controller of the reference ECU: from what the bus reports and the driver requests to the drives' duty.
+"""Controller of the reference ECU: from bus feedback and the driver's requests to the duty of the drives.
 
 `update` runs one control cycle; `lose_feedback` replaces it while the drives are not heard.
 """
@@ -47,7 +47,7 @@ from liftgate_hil.ecu.states import (
 
 @compilable
 def speed_over(speeds: tuple[float, ...], place: float) -> float:
-    """Return the speed at a position, both as shares of the travel, interpolated linearly between PLACES."""
+    """Return the speed at a position, both as fractions of the travel, interpolated linearly between PLACES."""
     if place <= PLACES[0]:
         return speeds[0]
     for i in range(1, len(PLACES)):
@@ -59,7 +59,7 @@ def speed_over(speeds: tuple[float, ...], place: float) -> float:
 
 @compilable
 def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
-    """Return the wanted speed [counts/s]: a soft start over time, then what is calibrated for the position."""
+    """Return the speed setpoint [counts/s]: a soft start over time, then the calibrated speed at the position."""
     c, control = constants.calibration, memory.control[0]
     position, travel = position_of(memory), control.travel
     elapsed = control.now - control.since
@@ -77,7 +77,7 @@ def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
 
 @compilable
 def want(constants: EcuConstants, memory: EcuMemory, speed: float) -> None:
-    """Set the wanted speed [counts/s], and track how fast it changes, since the gate feels that for a while."""
+    """Set the speed setpoint [counts/s], and filter its rate of change, whose effect on the gate lasts a while."""
     control = memory.control[0]
     fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
     rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
@@ -88,7 +88,7 @@ _UNBRAKED = -1.0  # in place of the time until which to brake: the bridges stay 
 
 
 class Feedback(NamedTuple):
-    """Feedback from the bus; positive values open. With one drive the right values are ignored."""
+    """Drives' feedback from the bus; positive values open. With one drive the right values are ignored."""
 
     left_current: float  # A
     right_current: float
@@ -119,7 +119,7 @@ FULL = DriveCommand(1.0, 1.0, False)
 
 @compilable
 def is_releasing(constants: EcuConstants, memory: EcuMemory) -> bool:
-    """Whether the latch shall release the gate, which takes it some time."""
+    """Whether the latch is still being commanded to release the gate, which takes some time."""
     control = memory.control[0]
     if control.caught == 0 or control.state not in (OPENING, REVERSING):
         return False
@@ -128,7 +128,7 @@ def is_releasing(constants: EcuConstants, memory: EcuMemory) -> bool:
 
 @compilable
 def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None:
-    """Obey the driver's button: open, close or stop.
+    """Execute the driver's request: open, close or stop.
 
     A request to open a gate that has already opened starts a new search for its end: what stood in the way when
     the end was learned may be gone.
@@ -157,7 +157,7 @@ def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None
 
 @compilable
 def update(constants: EcuConstants, memory: EcuMemory, now: float, heard: Feedback) -> DriveCommand:
-    """Run one control cycle at a time [s], and return the command.
+    """Run one control cycle at a time [s], and return the command to the drives.
 
     A request made since the last cycle acts from the next one on, a stop at once.
     """
@@ -190,7 +190,7 @@ def update(constants: EcuConstants, memory: EcuMemory, now: float, heard: Feedba
 def take_feedback(
     constants: EcuConstants, drive: Any, time: float, count: float, turning: float, current: float
 ) -> None:
-    """Take the feedback of one drive.
+    """Store a new feedback sample of one drive: count, motor speed and current, with its time [s].
 
     Samples may come late, or two in one cycle: the time that counts is when they were made.
     """
@@ -205,7 +205,7 @@ def take_feedback(
 
 @compilable
 def lose_feedback(constants: EcuConstants, memory: EcuMemory, now: float) -> DriveCommand:
-    """Run a cycle without feedback of the drives: stop, and discard what the driver requests."""
+    """Run a control cycle without feedback of the drives: stop, and discard the driver's requests."""
     control = memory.control[0]
     control.now, control.request = now, NO_REQUEST
     if is_moving(control.state):
@@ -215,7 +215,7 @@ def lose_feedback(constants: EcuConstants, memory: EcuMemory, now: float) -> Dri
 
 @compilable
 def stand(constants: EcuConstants, memory: EcuMemory) -> DriveCommand:
-    """Run a cycle in which the gate shall stand: brake what still moves, and hold the gate where it comes down."""
+    """Run a control cycle at standstill: brake while the gate moves, and hold it where it comes down by itself."""
     c, control = constants.calibration, memory.control[0]
     is_new = control.now - control.entered < c.settling_time and control.brake_until != _UNBRAKED
     if is_new and abs(mean_speed(memory)) > c.stall_speed:
@@ -229,14 +229,14 @@ def stand(constants: EcuConstants, memory: EcuMemory) -> DriveCommand:
 
 @compilable
 def hold(memory: EcuMemory) -> DriveCommand:
-    """Brake for a moment, then coast: the spindle holds the gate by itself."""
+    """Return the command that brakes for a moment, then coasts, as the spindle holds the gate by itself."""
     control = memory.control[0]
     return BRAKING if control.now < control.brake_until else COASTING
 
 
 @compilable
 def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> DriveCommand:
-    """Run a cycle of a motion: check for its end and for something trapped, and return the drives' command."""
+    """Run a control cycle in motion: check for its end and for trapping, and return the drives' command."""
     control = memory.control[0]
     defects = constants.calibration.defects
     control.caught = int(feedback.caught)
@@ -283,7 +283,7 @@ def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> Driv
 
 @compilable
 def drive_duty(constants: EcuConstants, memory: EcuMemory, index: int, wanted: float, voltage: float) -> float:
-    """Return one drive's duty for the wanted speed, corrected by how far it is ahead of the drives' mean."""
+    """Return a drive's duty for the speed setpoint, corrected by its lead over the drives' mean position."""
     drive = memory.drives[index]
     ahead = drive.count - drive.start - gone(memory)
     target = wanted - constants.calibration.tie * ahead

@@ -1,4 +1,4 @@
-"""Diagnostic server of the reference ECU: UDS (ISO 14229-1) over ISO-TP, as far as trouble code tests need it.
+"""Diagnostic server of the reference ECU: UDS (ISO 14229-1) over ISO-TP, the subset for trouble code tests.
 
     10 sessions (default, extended)    11 hard reset    14 clear    19 read by status mask (01, 02)
     3E tester present
@@ -43,7 +43,7 @@ SERVER = np.dtype(
 
 
 class DiagnosticServer(NamedTuple):
-    """Constants of the diagnostic server."""
+    """Constants of the diagnostic server: its trouble codes with their events, and its CAN identifiers."""
 
     is_on: int  # 0: the rig defines no diagnostics
     numbers: NDArray[np.int64]  # (n,) trouble codes
@@ -61,7 +61,7 @@ class ServerState(NamedTuple):
 
 
 def server_of(diagnostics: Diagnostics | None) -> DiagnosticServer:
-    """Return the diagnostic server of a rig."""
+    """Return the diagnostic server for a rig's `[diagnostics]`; disabled if the rig has none."""
     own = diagnostics or Diagnostics(0, 0)
     return DiagnosticServer(
         int(diagnostics is not None),
@@ -74,7 +74,7 @@ def server_of(diagnostics: Diagnostics | None) -> DiagnosticServer:
 
 
 def new_server(server: DiagnosticServer) -> ServerState:
-    """Return the server's state in an ECU that has just been switched on."""
+    """Return the diagnostic server's initial state, as when the ECU is switched on."""
     head = np.zeros(1, dtype=SERVER).view(np.recarray)
     head.session = _DEFAULT
     return ServerState(head, new_link(server.response, server.request, server.padding))
@@ -82,7 +82,7 @@ def new_server(server: DiagnosticServer) -> ServerState:
 
 @compilable
 def has_work(state: ServerState, frames: Frames) -> bool:
-    """Whether a response is being sent, or a request may be among the frames."""
+    """Whether the diagnostic server must run: a response is being sent, or the frames may hold a request."""
     head = state.link.head[0]
     found = head.sending != isotp.IDLE
     for i in range(frames.count):
@@ -100,7 +100,7 @@ def serve(
     count: int,
     now_ns: int,
 ) -> int:
-    """Process the frames received by a time [ns], and put responses into `room` behind its first `count` frames.
+    """Process the frames received by a time [ns], and append responses to the first `count` frames in `room`.
 
     Returns how many frames there are in `room` then.
     """
@@ -118,7 +118,7 @@ def serve(
 def answered(
     server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int, now_ns: int
 ) -> int:
-    """Execute the request of `length` bytes in the link; return the length of the response in it; 0: none."""
+    """Execute the diagnostic request of `length` bytes; return the length of the response; 0: none."""
     head, link = state.head[0], state.link.head[0]
     if head.session != _DEFAULT and now_ns > head.session_by_ns:
         head.session = _DEFAULT
@@ -142,7 +142,7 @@ def answered(
 
 @compilable
 def done(state: ServerState, service: int, length: int) -> int:
-    """Change the session, request an ECU reset, or acknowledge that the tester is present."""
+    """Execute service 10, 11 or 3E: change the session, request an ECU reset, or acknowledge the tester."""
     head, link = state.head[0], state.link.head[0]
     out = link.out
     if service not in (_SESSION, _RESET, _PRESENT):
@@ -170,7 +170,7 @@ def done(state: ServerState, service: int, length: int) -> int:
 
 @compilable
 def clear_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
-    """Clear all trouble codes, or one."""
+    """Execute service 14: clear all trouble codes, or one; return the response's length."""
     if length != 4:
         return -_BAD_LENGTH
     request = state.link.head[0].into
@@ -188,7 +188,7 @@ def clear_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[
 
 @compilable
 def read_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
-    """Report how many trouble codes have one of the requested status bits, or which."""
+    """Execute service 19: report the number or the list of trouble codes that match a status mask."""
     out, request = state.link.head[0].out, state.link.head[0].into
     if length < 2:
         return -_BAD_LENGTH

@@ -1,4 +1,4 @@
-"""Events that the reference ECU reports, as codes in its records and as texts, and its trouble codes."""
+"""Events that the reference ECU reports, as codes and as texts, and the trouble codes assigned to them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ TEXTS = (
 
 
 class EcuDtc(NamedTuple):
-    """A trouble code, of five characters as in SAE J2012, in its manufacturers' ranges, and its meaning."""
+    """A trouble code of five characters as in SAE J2012, in a manufacturer's range, and its meaning."""
 
     code: str
     meaning: str
@@ -87,7 +87,7 @@ class Event(NamedTuple):
 
 
 class TrapDecision(NamedTuple):
-    """Whether a run was judged to be trapped, and why."""
+    """Decision whether the gate has trapped something, with its load, the expected load and the limit."""
 
     is_trapped: bool
     load: float  # A, mean of the drives, positive against the motion
@@ -100,7 +100,7 @@ NO_VERDICT = TrapDecision(False, 0.0, 0.0, 0.0)
 
 @compilable
 def note_event(memory: EcuMemory, code: int, verdict: TrapDecision) -> None:
-    """Put an event into the ring."""
+    """Write an event into the ring buffer of the ECU's events."""
     control = memory.control[0]
     event = memory.events[control.events % EVENTS]
     event.time = control.now
@@ -114,7 +114,7 @@ def note_event(memory: EcuMemory, code: int, verdict: TrapDecision) -> None:
 
 @outlined
 def note_statuses(memory: EcuMemory) -> None:
-    """Update the status of the trouble codes with the events since the last call."""
+    """Update the status bytes of the trouble codes with the events since the last call."""
     control, statuses = memory.control[0], memory.statuses
     for i in range(max(control.noted, control.events - EVENTS), control.events):
         code = memory.events[i % EVENTS].code
@@ -130,7 +130,7 @@ def note_statuses(memory: EcuMemory) -> None:
 
 
 def events_since(memory: EcuMemory, since: int) -> list[Event]:
-    """Return the events after the first `since`, as far as the ring still holds them."""
+    """Return the events after the first `since` ones, as far as the ring buffer still holds them."""
     total = int(memory.control.events[0])
     return [_event(memory.events[i % EVENTS]) for i in range(max(since, total - EVENTS), total)]
 

@@ -1,4 +1,4 @@
-"""Find the ECU that is meant by "reference", the path of a C library, "module:Class", or an object."""
+"""Find the ECU for a value of `ecu`: "reference", the path of a C library, "module:Class", or an object."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ALLOWED = "reference, the path of a shared library, MODULE:CLASS, or bus"
 
 
 def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED) -> Adapter:
-    """Return the adapter of an ECU. Raises ConfigError.
+    """Return the adapter of an ECU, given by name or as an object. Raises ConfigError.
 
     With `shares_clock` the clock by which the ECU gets requests is the gate's; otherwise it begins when the ECU
     hears the gate. `coding` is the vehicle's, for the reference ECU.
@@ -50,7 +50,7 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, codi
 
 
 def check_ecu(ecu: Any) -> None:
-    """Raise ConfigError where an ECU's name names nothing: no library that exists, no module that can be found."""
+    """Raise ConfigError if an ECU's name refers to nothing: no existing library, no module that can be found."""
     if not is_foreign(ecu):
         return
     name = str(ecu)
@@ -70,7 +70,7 @@ def check_ecu(ecu: Any) -> None:
 
 
 def _names_file(name: str) -> bool:
-    """Whether a name is that of a Python file with a class of it, FILE.py:CLASS."""
+    """Whether a name has the form FILE.py:CLASS, a Python file with a class in it."""
     return name.partition(":")[0].endswith(".py")
 
 
@@ -83,7 +83,7 @@ def _is_module(name: str) -> bool:
 
 
 def _advice(name: str) -> str:
-    """Return what a name that is no ECU may have meant, as the begin of a sentence; "": not known."""
+    """Return a hint at what an invalid ECU name may have meant, as the start of a sentence; "": none."""
     path = Path(name)
     if path.suffix in _COMPILERS:
         compiler = _COMPILERS[path.suffix]
@@ -112,7 +112,7 @@ def _advice(name: str) -> str:
 
 
 def is_library(ecu: Any) -> bool:
-    """Whether an `ecu` is a shared library, whose code may crash or hang."""
+    """Whether an `ecu` names a shared library, whose code may crash or hang."""
     return isinstance(ecu, str | Path) and _LIBRARY.fullmatch(str(ecu)) is not None
 
 
@@ -122,7 +122,7 @@ def is_foreign(ecu: Any) -> bool:
 
 
 def _instance_of(name: str) -> Any:
-    """Return an object of "module:Class". Raises ConfigError, EcuError."""
+    """Return an instance of the class in "module:Class". Raises ConfigError, EcuError."""
     module, _, attribute = name.partition(":")
     try:
         with FOREIGN:

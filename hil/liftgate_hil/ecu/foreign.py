@@ -1,4 +1,4 @@
-"""Tracking of whether a user's code runs in this process: it may hang, and cannot be killed as a process can.
+"""Tracking of calls into a user's ECU code in this process, which may hang and cannot be killed separately.
 
 This module imports nothing, so that code that only asks needs no ECU.
 """
@@ -7,11 +7,11 @@ from __future__ import annotations
 
 
 class NoAnswerError(BaseException):
-    """Ends a call that does not return, from a signal handler; `except Exception` does not catch it."""
+    """Aborts a hanging call from a signal handler; `except Exception` does not catch it."""
 
 
 class ForeignCode:
-    """Counts the calls of a user's code; use it as a context manager around each call."""
+    """Counts the calls of a user's code, each wrapped in this context manager."""
 
     def __init__(self) -> None:
         self._calls = 0
@@ -25,7 +25,7 @@ class ForeignCode:
         self._depth -= 1
 
     def call(self) -> int:
-        """Return the number of the call in progress; 0: none."""
+        """Return the number of the current call of a user's code; 0: none."""
         return self._calls if self._depth else 0
 
 

@@ -1,4 +1,4 @@
-"""State of the reference ECU, as records: state in, state out; the ECU's steps write into them."""
+"""State of the reference ECU as records (NumPy structured arrays), which its functions update in place."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class EcuMemory(NamedTuple):
 
 
 class EcuConstants(NamedTuple):
-    """Constants of the reference ECU: the calibration, and what follows from the control cycle."""
+    """Constants of the reference ECU: the calibration, and the values derived from the control cycle."""
 
     calibration: Calibration
     cycle: float  # s
@@ -127,7 +127,7 @@ class EcuConstants(NamedTuple):
 
 
 def constants_of(calibration: Calibration, cycle: float) -> EcuConstants:
-    """Return the constants for a control cycle [s].
+    """Return the reference ECU's constants for a calibration and a control cycle [s].
 
     A cycle longer than the filter's time constant leaves a single sample nearly unfiltered: there it takes two.
     """
@@ -142,7 +142,7 @@ def constants_of(calibration: Calibration, cycle: float) -> EcuConstants:
 
 
 def new_memory(drives: int, shares_clock: bool = True) -> EcuMemory:
-    """Return the records of an ECU that has just been switched on.
+    """Return the state of a reference ECU that has just been switched on.
 
     With `shares_clock` its clock is the gate's; otherwise it begins when the gate is first heard.
     """
@@ -168,7 +168,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> EcuMemory:
 
 @compilable
 def note_course(memory: EcuMemory, has_changed_state: bool) -> None:
-    """Add a control cycle to the checksums of the course; `has_changed_state`: another state was entered in it.
+    """Add a control cycle to the checksums of the ECU's course; `has_changed_state`: it entered another state.
 
     They tell two ECUs apart that differed in any cycle, in command or state, although they may be equal again. The
     histories are left out, as each of their values follows from counts that were noted; what the guards collect
@@ -185,13 +185,13 @@ def note_course(memory: EcuMemory, has_changed_state: bool) -> None:
 
 
 def command_course(memory: EcuMemory) -> Words:
-    """Return the part of the course (INPUT_COUNT,) that is of the command."""
+    """Return the checksums (INPUT_COUNT,) of the course that cover the command."""
     return memory.course[:INPUT_COUNT]
 
 
 @compilable
 def _add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
-    """Add words to the checksums from `at` on, modulo 2^64; return where the next ones are."""
+    """Add words to the course's checksums from index `at` on, modulo 2^64; return the index after them."""
     for i in range(count):
         course[at + i] = np.uint64((int(course[at + i]) * int(_FACTOR) + int(words[begin + i])) & int(_MASK))
     return at + count

@@ -1,4 +1,4 @@
-"""Plausibility monitor: implausible sensor values stop a motion, and a gate that moves by itself is held.
+"""Plausibility monitor: stops a motion on implausible sensor values, and detects a gate that moves by itself.
 
 The limits leave a margin to the spread of the drives of a production, see docs/anti-trap.md.
 """
@@ -18,7 +18,7 @@ SOUND = -1  # no event
 
 @compilable
 def measure_reading(drive: Any, current: float, elapsed: float) -> None:
-    """Track for how long, and from which count on, the current [A] of a drive has had the same reading."""
+    """Track the time and the counts for which a drive's current [A] has had the same reading."""
     if current == drive.reading:
         drive.same += elapsed
     else:
@@ -27,7 +27,7 @@ def measure_reading(drive: Any, current: float, elapsed: float) -> None:
 
 @compilable
 def begin_monitoring(memory: EcuMemory) -> None:
-    """Reset the monitor at the beginning of a motion."""
+    """Reset the plausibility monitor at the beginning of a motion."""
     control = memory.control[0]
     control.over = control.unlike = 0.0
     for i in range(len(memory.drives)):
@@ -37,13 +37,13 @@ def begin_monitoring(memory: EcuMemory) -> None:
 
 @compilable
 def held_for(seconds: float, is_so: bool, cycle: float) -> float:
-    """Return for how long a condition has held [s], one cycle later."""
+    """Return how long a condition has held [s], after one more cycle; 0 if it does not hold."""
     return seconds + cycle if is_so else 0.0
 
 
 @compilable
 def implausible(constants: EcuConstants, memory: EcuMemory) -> int:
-    """Return the event of what is implausible in a cycle of a motion; SOUND: nothing is."""
+    """Return the event of an implausible sensor value in a cycle of a motion; SOUND: none."""
     c, control, drives = constants.calibration, memory.control[0], memory.drives
     mean, largest, is_frozen = 0.0, 0.0, False
     for i in range(len(drives)):
@@ -70,7 +70,7 @@ def implausible(constants: EcuConstants, memory: EcuMemory) -> int:
 
 @compilable
 def moves_by_itself(constants: EcuConstants, memory: EcuMemory) -> bool:
-    """Whether the gate, which shall stand, has come down since it stopped.
+    """Whether the gate has come down since it stopped, although it should stand.
 
     The position that it is compared with is taken anew after each fall, and while the gate settles: at first it
     springs back from where it was pressed to.
@@ -90,7 +90,7 @@ def moves_by_itself(constants: EcuConstants, memory: EcuMemory) -> bool:
 
 @compilable
 def is_hot(constants: EcuConstants, memory: EcuMemory, temperature: float) -> bool:
-    """Whether the motors [°C; NaN: not on the bus] have to cool down before they may run again."""
+    """Whether the motors must cool down before they may run again (temperature [°C]; NaN: not on the bus)."""
     c, control = constants.calibration, memory.control[0]
     if np.isnan(temperature):
         return False

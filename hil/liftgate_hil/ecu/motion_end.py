@@ -1,4 +1,4 @@
-"""Detection of what ends a motion: the learned end, the end stop that the drives stand in, or an obstacle."""
+"""Detection of the end of a motion: the learned end position, a stall in the end stop, or an obstacle."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_hil.ecu.states import enter, gone, guard_of, is_in_seal, mean_spee
 
 @compilable
 def watch_ends(constants: EcuConstants, memory: EcuMemory) -> None:
-    """Check for the learned end, a stall in the end stop, and the end of a reversal."""
+    """Check for the learned end position, a stall, and the end of a reversal."""
     c, control = constants.calibration, memory.control[0]
     position, state = position_of(memory), control.state
     if state == REVERSING and gone(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
@@ -39,7 +39,7 @@ def watch_ends(constants: EcuConstants, memory: EcuMemory) -> None:
 
 @compilable
 def take_travel(constants: EcuConstants, memory: EcuMemory) -> None:
-    """Learn the travel when the drives stand in the end stop: it ends where the load began to rise.
+    """Learn the travel once the drives stall in the end stop: it ends where the load began to rise.
 
     Where a travel was known before, only a longer one counts; then the loads learned by position are learned anew.
     """
@@ -57,7 +57,7 @@ def take_travel(constants: EcuConstants, memory: EcuMemory) -> None:
 
 @compilable
 def stalled(constants: EcuConstants, memory: EcuMemory) -> None:
-    """React to drives that stand: in the end stop to be learned, or in front of an obstacle."""
+    """React to stalled drives: learn the travel in the end stop; reverse or stop in front of an obstacle."""
     control = memory.control[0]
     if control.state == CLOSING:
         enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
@@ -71,7 +71,7 @@ def stalled(constants: EcuConstants, memory: EcuMemory) -> None:
 
 @compilable
 def hidden_by(constants: EcuConstants, drive: Any, ramp: float) -> float:
-    """Return the part of the load [A] that a change of the wanted speed [counts/s²] may cause.
+    """Return the part of a drive's load [A] that a change of the speed setpoint [counts/s²] may cause.
 
     It is the possible error of the inertia, or the whole acceleration where the bus carries no precise speed.
     """
@@ -82,7 +82,7 @@ def hidden_by(constants: EcuConstants, drive: Any, ramp: float) -> float:
 
 @compilable
 def watch_trap(constants: EcuConstants, memory: EcuMemory) -> None:
-    """Check whether something is in the way, and reverse or stop in that case."""
+    """Check for an obstacle in the gate's way, and reverse or stop if there is one."""
     control = memory.control[0]
     state, position = control.state, position_of(memory)
     sign = -1.0 if state == CLOSING else 1.0

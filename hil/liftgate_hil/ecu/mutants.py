@@ -1,4 +1,4 @@
-"""Mutants of the reference ECU, for tests of tests: each has one plausible defect, given as data.
+"""Mutants of the reference ECU for mutation testing: each has one plausible defect, given as data.
 
 The identity of the ECU under test, as a recording stores it, names its mutant.
 """
@@ -35,7 +35,7 @@ _NEVER = 1e9  # s, counts, A, °C
 
 @dataclass(frozen=True)
 class Mutant:
-    """A reference ECU with one defect: other numbers in the calibration, or something its program does not do."""
+    """A reference ECU with one defect: other calibration constants, or a function that its program lacks."""
 
     name: str
     meaning: str
@@ -93,7 +93,7 @@ NO_ECU = "no ECU"  # in place of a mutant: nothing commands the gate
 
 
 def ecu_and_mutant(name: str, called: str = "ecu") -> tuple[str, str]:
-    """Return the ECU and the mutant of a name: `mutant:NAME` is one of the reference ECU, others have none.
+    """Return ECU and mutant of an ECU name: `mutant:NAME` is the reference ECU with a mutant, others have "".
 
     Raises ConfigError for a mutant that does not exist, of the argument that is `called` so.
     """
@@ -106,7 +106,7 @@ def ecu_and_mutant(name: str, called: str = "ecu") -> tuple[str, str]:
 
 
 def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:
-    """Return the calibration for the coding of a vehicle, with the mutant's defect."""
+    """Return the calibration for a vehicle's coding, with the mutant's defect."""
     sound = coded(CALIBRATED, coding)
     changed: dict[str, Any] = dict(mutant.numbers)
     for name, factor in mutant.factors.items():
@@ -119,7 +119,7 @@ def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:
 
 
 def mutant_ecu(name: str, rig: Rig, drives: int, coding: Coding) -> Adapter:
-    """Return the adapter of the ECU with a defect, or of no ECU at all (NO_ECU)."""
+    """Return the adapter of a mutant of the reference ECU, or of no ECU at all (NO_ECU)."""
     if name == NO_ECU:
         return Adapter(rig, drives)
     mutant = MUTANTS[name]
@@ -130,7 +130,7 @@ def mutant_ecu(name: str, rig: Rig, drives: int, coding: Coding) -> Adapter:
 
 
 def _without(check: str, config: EcuConfig) -> EcuConfig:
-    """Return the constants of an ECU that checks no counter, or no checksum, in what it receives."""
+    """Return the constants of an ECU that does not check the counter, or the checksum, of received frames."""
     messages = config.inputs.messages.copy()
     if check == "counter":
         messages.counter[:] = -1
@@ -141,7 +141,7 @@ def _without(check: str, config: EcuConfig) -> EcuConfig:
 
 
 def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]:
-    """Return `kind` (reference, library, python, bus, none), and what is needed to obtain the same ECU again.
+    """Return an ECU's `kind` (reference, library, python, bus, none), and the data that identify it.
 
     For the reference ECU that is its version and its calibration, `coded` for the vehicle, with the mutant if
     there is one; for a library its path and SHA-256; for a class its name with the path and SHA-256 of its file,
@@ -174,7 +174,7 @@ def _of_class(module: str, name: str) -> dict[str, Any]:
 
 
 def _file_of(module: str) -> Path | None:
-    """Return the path of a module's file, without running any code of the module."""
+    """Return the path of a module's file, without executing any code of the module."""
     found = getattr(sys.modules.get(module), "__file__", None)
     if found is None and "." not in module and module not in sys.modules:  # for a submodule, its package would run
         try:

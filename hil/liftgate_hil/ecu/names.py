@@ -1,4 +1,4 @@
-"""Values of `ecu` that are words, not a file, a class or an object."""
+"""Values of `ecu` that are keywords, not a file, a class or an object."""
 
 from __future__ import annotations
 

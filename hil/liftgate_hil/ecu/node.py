@@ -1,4 +1,4 @@
-"""The ECU under test as the closed loop sees it: a node on the bus that has its turn after every tick."""
+"""The ECU under test as a node on the bus of the closed loop, which is called after every tick."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NO_ECU, REFERENCE, PORT = 0, 1, 2
 
 
 class Node(NamedTuple):
-    """Constants of the ECU under test; `kind` says which of the two other parts is used."""
+    """Constants of the ECU under test; `kind` selects the reference ECU or a port to foreign code."""
 
     kind: int
     reference: EcuConfig
@@ -33,7 +33,7 @@ class NodeState(NamedTuple):
 
 @compilable
 def ask(node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int) -> bool:
-    """Make the requests that are due: at a time by the ECU's clock, or at a moment by the gate's.
+    """Pass the ECU the requests that are due: at a time by the ECU's clock, or at a moment by the gate's.
 
     Returns whether an ECU reset is due first; after it, this function is called again.
     """
@@ -56,14 +56,14 @@ def ask(node: Node, state: NodeState, requests: Requests, moments: Moments, now_
 
 @compilable
 def outgoing(node: Node, state: NodeState, count: int) -> Frames:
-    """Return the first `count` frames that the ECU sent last."""
+    """Return the first `count` frames that the ECU sent in its last turn."""
     frames = state.reference.frames if node.kind == REFERENCE else state.port.sent
     return Frames(count, frames.identifiers, frames.lengths, frames.data)
 
 
 @compilable
 def turn(node: Node, state: NodeState, frames: Frames, now_ns: int) -> tuple[NodeState, Frames, bool]:
-    """Give the ECU its turn; return its state, what it sends, and whether it behaved as an ECU may."""
+    """Run the ECU for one tick; return its state, the frames it sends, and whether its behaviour was valid."""
     if node.kind == REFERENCE:
         after, sent = reference.step(node.reference, state.reference, frames, now_ns)
         return NodeState(after, state.port), sent, True

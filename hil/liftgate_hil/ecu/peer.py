@@ -1,4 +1,4 @@
-"""Peer: runs an ECU's code as the other node on a bus.
+"""Peer: runs an ECU's code as the node at the other end of the gate's bus.
 
 The Python loop and the real-time loop have peers in their process; `liftgate-hil ecu` is a process with one.
 """
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 
 def machine_code(adapter: Adapter) -> Callable[..., Any]:
-    """Return the machine code of an ECU's turn, compiled here, so that this does not count as the ECU's time."""
+    """Return an ECU's `turn` compiled to machine code, so that compiling does not count as the ECU's time."""
     code: Callable[..., Any] = compiled(turn)
     code(adapter.node._replace(kind=NO_ECU), adapter.state, empty_frames(0), 0)
     return code
 
 
 class Peer:
-    """An adapter's ECU at the other end of a bus, for the Python loop and the real-time loop.
+    """Node at the other end of a bus that runs an adapter's ECU, for the Python loop and the real-time loop.
 
     Requests are made by the ECU's own clock; those that wait for a moment need the loop's own moments. The ECU's
     code runs within a `guard`. The scenario's time 0 is at `before_ns` of the gate's clock.
@@ -67,12 +67,12 @@ class Peer:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it is the reference ECU, and not an ECU under test."""
+        """Whether the peer runs the reference ECU, not a user's ECU."""
         return self._adapter.kind == REFERENCE
 
     @property
     def dropped(self) -> int:
-        """Frames that were dropped before this process could read them."""
+        """Number of frames that were dropped before this process could read them."""
         return self._transport.counts().dropped
 
     def poll(self, now_ns: int) -> None:
@@ -104,7 +104,7 @@ class Peer:
             self._transport.send(sent)
 
     def finish(self) -> None:
-        """Send the ECU's last frames."""
+        """Send the ECU's last frames, with the motors off."""
         frames = self._adapter.last_frames()
         if frames is not None:
             self._transport.send(frames)
@@ -116,11 +116,11 @@ class Peer:
 
     @property
     def has_heard_the_gate(self) -> bool:
-        """Whether the ECU has heard the gate yet."""
+        """Whether the ECU has received a valid frame of the gate yet."""
         return self._began_ns() >= 0
 
     def _note_senders(self, frames: Frames, now_ns: int) -> None:
-        """Note when the first frame of the gate came, and the first one that is not the gate's."""
+        """Record when the first frame of the gate arrived, and the first frame that is not the gate's."""
         identifiers = frames.identifiers[: frames.count]
         theirs = identifiers[identifiers & (ERROR | REMOTE) == 0] & ~FD_FLAGS
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)
@@ -130,7 +130,7 @@ class Peer:
             self._heard_ns = now_ns
 
     def _began_ns(self) -> int:
-        """Return when the clock by which the ECU gets requests began [ns]; -1: not yet."""
+        """Return the start [ns] of the clock by which the ECU gets requests; -1: not started yet."""
         adapter = self._adapter
         if adapter.node.kind == REFERENCE:
             return int(adapter.state.reference.memory.control.began_ns[0])

@@ -71,7 +71,7 @@ class PythonEcu(Adapter):
         return can_reset if action == "reset" else super().takes(action)
 
     def reset(self) -> None:
-        """Make a new object, or call the object's own `reset()`. Raises EcuError."""
+        """Reset the ECU: make a new object, or call the object's own `reset()`. Raises EcuError."""
         own = self._attribute("reset")
         if not self.takes("reset"):
             raise EcuError(
@@ -94,7 +94,7 @@ class PythonEcu(Adapter):
         head.waiting = head.next_ns = 0
 
     def failure(self) -> str:
-        """Return why a call of the ECU failed.
+        """Return why a call of the ECU failed, in words.
 
         Raises KeyboardInterrupt where one reached the ECU's code: it was meant for the user who runs it.
         """
@@ -123,7 +123,7 @@ class PythonEcu(Adapter):
         return ConfigError(f"`ecu` {self._called()}: {text}")
 
     def _attribute(self, attribute: str) -> Any:
-        """Return an attribute of the ECU; None: it has none. Raises ConfigError where reading it fails."""
+        """Return an attribute of the ECU object; None: it has none. Raises ConfigError where reading it fails."""
         try:
             with FOREIGN:
                 return getattr(self._ecu, attribute, None)

@@ -1,4 +1,4 @@
-"""The reference ECU: the rig seen from the other side of the bus, around the controller.
+"""The reference ECU: receives the gate's frames, runs the controller, and sends the command by the rig.
 
 `step` is called with the frames that have come since the last call. It controls as often as the currents come, and
 sends its command in that message's cycle, and at once when it stops or reverses. It runs as plain Python, and
@@ -105,7 +105,7 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
 
 
 def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
-    """Return the state of an ECU that has just been switched on; see `memory.new_memory`."""
+    """Return the state of a reference ECU that has just been switched on; see `memory.new_memory`."""
     return EcuState(
         reception=nothing_received(config.inputs, OUTPUT_COUNT),
         buttons=nothing_pressed(config.buttons),
@@ -117,7 +117,7 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
 
 
 def check_rig(rig: Rig, drives: int) -> None:
-    """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
+    """Raise ConfigError if the reference ECU cannot control a gate of `drives` drives through a rig."""
     issues = ConfigIssues(rig.source)
     for quantity in lacking_feedback(rig, drives):
         issues.add(
@@ -138,7 +138,7 @@ def check_rig(rig: Rig, drives: int) -> None:
 
 
 def lacking_feedback(rig: Rig, drives: int) -> list[str]:
-    """Return the quantities of a gate of `drives` drives that the reference ECU needs and a rig does not send."""
+    """Return the quantities that the reference ECU needs for `drives` drives, but a rig does not send."""
     sent = {mapping.quantity for mapping in rig.outputs}
     return [quantity for quantity in _feedback(drives) if quantity not in sent]
 
@@ -148,7 +148,7 @@ def _feedback(drives: int) -> list[str]:
 
 
 def _needed(rig: Rig, drives: int) -> list[int]:
-    """Return the rows of the cyclic messages with the drives' feedback, or with what shows the gate as closed."""
+    """Return the rows of the cyclic messages with the drives' feedback, or with the signal of a closed gate."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
     wanted = {*_feedback(drives), "latch_state", "gate_angle"}
     carrying = {each.message for each in rig.outputs if each.quantity in wanted}
@@ -156,7 +156,7 @@ def _needed(rig: Rig, drives: int) -> list[int]:
 
 
 def _sampled_rows(rig: Rig) -> tuple[list[int], list[int]]:
-    """Return the rows of the messages with the drives' currents, and of those with their speeds.
+    """Return the table rows of the messages with the drives' currents, and of the messages with their speeds.
 
     Without a right drive they are the left one's. Where a speed is not sampled together with the current, its row
     is that of the current.
@@ -173,7 +173,7 @@ def _sampled_rows(rig: Rig) -> tuple[list[int], list[int]]:
 
 
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
-    """Return the rows of the messages with these inputs; those of the test bench do not belong to an ECU."""
+    """Return the table rows of the messages with these quantities, except those of the test bench."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
     own = {each.message for each in rig.inputs if each.quantity in quantities}
     return [row for row, name in enumerate(names) if name in own]
@@ -181,7 +181,7 @@ def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
 
 @compilable
 def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
-    """Return when a drive's feedback was sampled [s].
+    """Return the time [s] at which a drive's feedback was sampled.
 
     That is the cycles of its message so far or, where it is not cyclic, the time of its arrival. Where current and
     speed come in two messages, a sample is complete with the later one, for which it waits up to one cycle: an
@@ -197,7 +197,7 @@ def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
 
 @compilable
 def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback]:
-    """Return (whether all that is needed has been received, the feedback)."""
+    """Return whether all needed messages have been received, and the drives' feedback."""
     values = reception.values
     left, right = values[OUT.left_current], values[OUT.right_current]
     left_count, right_count = values[OUT.left_hall_count], values[OUT.right_hall_count]
@@ -238,7 +238,7 @@ def hotter_of(left: float, right: float) -> float:
 
 @compilable
 def is_stale(config: EcuConfig, seen_ns: NDArray[np.int64], now_ns: int) -> bool:
-    """Whether a needed message has not come for too long."""
+    """Whether a needed message has not been received for too long."""
     stale = False
     for i in range(len(config.needed)):
         stale = stale or now_ns - seen_ns[config.needed[i]] > config.patience_ns[i]
@@ -247,7 +247,7 @@ def is_stale(config: EcuConfig, seen_ns: NDArray[np.int64], now_ns: int) -> bool
 
 @compilable
 def direction_of(duty: float) -> float:
-    """Return the bridge state of a signed duty; NaN coasts, 0 brakes."""
+    """Return the bridge state for a signed duty; NaN: coast, 0: brake."""
     if np.isnan(duty):
         return _COAST
     if duty == 0.0:
@@ -257,7 +257,7 @@ def direction_of(duty: float) -> float:
 
 @compilable
 def percent_of(duty: float, signed: int) -> float:
-    """Return the duty [%] as the bus carries it."""
+    """Return a signed duty as the bus carries it [%]."""
     if np.isnan(duty):
         return 0.0
     return 100.0 * duty if signed else abs(100.0 * duty)
@@ -265,7 +265,7 @@ def percent_of(duty: float, signed: int) -> float:
 
 @compilable
 def set_command(config: EcuConfig, memory: EcuMemory, command: DriveCommand) -> None:
-    """Set the values of the command that is encoded next."""
+    """Set the signal values of the command that is encoded next."""
     values = memory.command
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)
     values[IN.left_direction] = direction_of(command.left_duty)
@@ -277,7 +277,7 @@ def set_command(config: EcuConfig, memory: EcuMemory, command: DriveCommand) -> 
 
 @compilable
 def command_frames(config: EcuConfig, state: EcuState, everything: bool) -> Frames:
-    """Return the frames that carry the command that is set; they are valid until the next call.
+    """Return the frames that carry the set command; they are valid until the next call.
 
     For a multiplexed message that is the next page or, with `everything`, all pages.
     """
@@ -293,7 +293,7 @@ def command_frames(config: EcuConfig, state: EcuState, everything: bool) -> Fram
 
 @compilable
 def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tuple[EcuState, Frames]:
-    """Take the frames received by a time [ns], and return the frames to send.
+    """Process the frames received by a time [ns], and return the frames to send.
 
     These are a command where one is due, and the response to a diagnostic tester.
     """
@@ -315,7 +315,7 @@ def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tup
 
 @compilable
 def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
-    """Run the control cycle that is due at a time [ns]; return the command where one is due."""
+    """Run the control cycle if it is due at a time [ns]; return the command frames if they are due."""
     control = state.memory.control[0]
     if now_ns < control.next_ns:
         return config.nothing

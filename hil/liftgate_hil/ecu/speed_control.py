@@ -1,4 +1,4 @@
-"""Control of one drive: its speed by the Hall counts, and its load as a current.
+"""Control of one drive: its speed, measured by Hall counts, and its load, estimated from the motor current.
 
 The duty is a feed-forward, scaled by the voltage, with PI control of the speed. The load is the motor current less
 what accelerates the drive:
@@ -21,7 +21,7 @@ from liftgate_hil.ecu.memory import MAX_WINDOW, EcuConstants
 
 @compilable
 def measure_speed(constants: EcuConstants, drive: Any, count: float, turning: float, elapsed: float) -> None:
-    """Take a sample of the count and of the motor's speed [rev/s], `elapsed` [s] after the last one.
+    """Update a drive's speed with a sample of its count and motor speed [rev/s], `elapsed` [s] after the last.
 
     Without the motor's speed (NaN), the speed is the count's difference over a few cycles. `drive` is a record of
     DRIVE.
@@ -44,7 +44,7 @@ def measure_speed(constants: EcuConstants, drive: Any, count: float, turning: fl
 
 @compilable
 def note_counts(constants: EcuConstants, drive: Any, count: float, elapsed: float) -> None:
-    """Keep the count of each cycle since the last sample, interpolated linearly between the two."""
+    """Store a drive's count in each cycle since the last sample, interpolated linearly between the two."""
     drive.due += elapsed / constants.cycle
     cycles = math.floor(drive.due + 0.5) if drive.held > 0 else 1
     drive.due -= cycles
@@ -59,7 +59,7 @@ def note_counts(constants: EcuConstants, drive: Any, count: float, elapsed: floa
 
 @compilable
 def counts_a_turn(constants: EcuConstants, drive: Any) -> float:
-    """Return how many counts a revolution of the motor has; a measured number is rounded to an integer."""
+    """Return the Hall counts per motor revolution; a measured number is rounded to an integer."""
     c = constants.calibration
     if drive.turned < c.turns_to_count:
         return c.counts_per_turn
@@ -68,7 +68,7 @@ def counts_a_turn(constants: EcuConstants, drive: Any) -> float:
 
 @compilable
 def controlled_duty(constants: EcuConstants, drive: Any, wanted: float, voltage: float) -> float:
-    """Return the signed duty (−1…1) for a wanted speed [counts/s]; the integral stops at saturation."""
+    """Return the signed duty (−1…1) for a speed setpoint [counts/s]; the integral stops at saturation."""
     c = constants.calibration
     boost = c.rated_voltage / max(voltage, 4.0)
     error = wanted - drive.speed
@@ -82,7 +82,7 @@ def controlled_duty(constants: EcuConstants, drive: Any, wanted: float, voltage:
 
 @compilable
 def measure_load(constants: EcuConstants, drive: Any, current: float, elapsed: float) -> None:
-    """Take a sample of the current [A] into a record of DRIVE, `elapsed` [s] after the last one.
+    """Update a drive's load with a sample of its current [A], `elapsed` [s] after the last sample.
 
     Missing samples are interpolated linearly between the two. The acceleration is not derived from counts, which
     are too coarse.

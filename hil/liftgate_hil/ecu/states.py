@@ -1,4 +1,4 @@
-"""States of the gate (closed, opening, open, closing, stopped, reversing), and the transitions between them.
+"""States of the gate in the reference ECU (closed, opening, open, …, reversing), and their transitions.
 
 Position and speed are the gate's as the ECU knows them, as means of its drives.
 """
@@ -20,19 +20,19 @@ SILENT = -1  # no event
 
 @compilable
 def is_moving(state: int) -> bool:
-    """Whether the motors shall run."""
+    """Whether the motors run in a state: opening, closing or reversing."""
     return state in (OPENING, CLOSING, REVERSING)
 
 
 @compilable
 def guard_of(memory: EcuMemory, state: int) -> Any:
-    """Return the guard of a direction of motion."""
+    """Return the anti-trap guard for the direction of motion of a state."""
     return memory.guards[1 if state == CLOSING else 0]
 
 
 @compilable
 def begin_motion(memory: EcuMemory) -> None:
-    """Reset what the ECU tracks from the start of a motion on.
+    """Reset the values that the ECU tracks from the start of a motion on.
 
     This is its start time, standstill, ramp, controllers' integrals, monitor and anti-trap guard. Called when any
     state is entered, and in each cycle in which the latch still has to release the gate.
@@ -52,7 +52,7 @@ def begin_motion(memory: EcuMemory) -> None:
 
 @compilable
 def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, verdict: TrapDecision) -> None:
-    """Enter a state, and note its event."""
+    """Enter a state, and record the event that caused this."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time
@@ -70,7 +70,7 @@ def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, ve
 
 @compilable
 def gone(memory: EcuMemory) -> float:
-    """Return the mean of the drives' counts since the motion began."""
+    """Return the drives' mean distance [counts] since the motion began."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].count - memory.drives[i].start
@@ -79,7 +79,7 @@ def gone(memory: EcuMemory) -> float:
 
 @compilable
 def position_of(memory: EcuMemory) -> float:
-    """Return the mean count above closed; NaN while closed is not known."""
+    """Return the gate's mean position above closed [counts]; NaN while the closed position is unknown."""
     if not memory.control[0].is_zero_known:
         return np.nan
     total = 0.0
@@ -90,7 +90,7 @@ def position_of(memory: EcuMemory) -> float:
 
 @compilable
 def is_in_seal(constants: EcuConstants, memory: EcuMemory) -> bool:
-    """Whether the gate closes where the seal is expected; False while its position is not known."""
+    """Whether the gate is closing within the expected range of the seal; False while its position is unknown."""
     is_closing = memory.control[0].state == CLOSING
     return bool(is_closing and position_of(memory) < constants.calibration.seal_zone)
 
@@ -114,6 +114,6 @@ def take_zero(memory: EcuMemory) -> None:
 
 @compilable
 def travel_or(memory: EcuMemory, default: float) -> float:
-    """Return the learned travel [counts], or `default` where there is none."""
+    """Return the learned travel [counts], or `default` if none has been learned."""
     travel = memory.control[0].travel
     return default if np.isnan(travel) else float(travel)

@@ -20,33 +20,33 @@ _IN_THIS_MOTION = 0x100  # beside the byte: failed since the motion began
 
 
 def new_statuses(count: int) -> NDArray[np.int64]:
-    """Return the status bytes (count,) of trouble codes as after clearing: no test has been run since."""
+    """Return cleared status bytes (count,) of trouble codes: no test has been run since."""
     return np.full(count, CLEARED, dtype=np.int64)
 
 
 @compilable
 def fail(statuses: NDArray[np.int64], event: int) -> None:
-    """Note that a test has failed."""
+    """Set a trouble code's status bits for a failed test."""
     failed = FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR | _IN_THIS_MOTION
     statuses[event] = (statuses[event] | failed) & ~CLEARED
 
 
 @compilable
 def has_failed(statuses: NDArray[np.int64], event: int) -> bool:
-    """Whether a test has failed since the motion began."""
+    """Whether a trouble code's test has failed since the motion began."""
     return bool(statuses[event] & _IN_THIS_MOTION != 0)
 
 
 @compilable
 def begin_tests(statuses: NDArray[np.int64]) -> None:
-    """Reset what failed in the last motion, when a motion begins."""
+    """Reset the test results of the last motion, when a motion begins."""
     for event in range(len(statuses)):
         statuses[event] = statuses[event] & ~_IN_THIS_MOTION
 
 
 @compilable
 def end_tests(statuses: NDArray[np.int64]) -> None:
-    """Pass all tests that have not failed in a motion that has come to its end."""
+    """Set the status bits of all tests that have not failed to passed, at the end of a motion."""
     for event in range(len(statuses)):
         if not has_failed(statuses, event):
             statuses[event] = statuses[event] & ~(FAILED | CLEARED)
@@ -54,12 +54,12 @@ def end_tests(statuses: NDArray[np.int64]) -> None:
 
 @compilable
 def clear(statuses: NDArray[np.int64], event: int) -> None:
-    """Clear a trouble code."""
+    """Clear the status byte of a trouble code."""
     statuses[event] = CLEARED
 
 
 def begin_cycle(statuses: NDArray[np.int64]) -> None:
-    """Begin an operation cycle when the ECU is switched on again.
+    """Begin an operation cycle of the trouble codes, when the ECU is switched on.
 
     A code whose test was run in the last cycle without failing is no longer pending.
     """

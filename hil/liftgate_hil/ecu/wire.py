@@ -1,4 +1,4 @@
-"""Frames in the C interface of an ECU (`liftgate_ecu.h`), and the ECU as machine code calls it.
+"""Frames and calls of the ECU's C interface (`liftgate_ecu.h`), for calls from machine code.
 
 A C library and a Python object are called in the same way: a function at an address gets the frames that have come
 and writes its own.
@@ -24,7 +24,7 @@ BAD_COUNT, BAD_FRAME = -1, -2
 
 
 class Port(NamedTuple):
-    """An ECU behind functions in machine code; an address is 0 where there is no function."""
+    """Function addresses of an ECU in C or Python; an address is 0 where there is no function."""
 
     step: int
     request: int
@@ -33,7 +33,7 @@ class Port(NamedTuple):
 
 
 class PortState(NamedTuple):
-    """Frames on their way to and from such an ECU; written in place."""
+    """Frames on their way to and from the ECU behind a port; written in place."""
 
     inbox: Any  # (CAPACITY,) FRAME
     outbox: Any  # (CAPACITY,) FRAME
@@ -54,7 +54,7 @@ NO_PORT = Port(0, 0, 0, 0)
 
 
 def new_port_state() -> PortState:
-    """Return a state without any frames."""
+    """Return the state of a port without any frames."""
     return PortState(
         np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
         np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
@@ -65,7 +65,7 @@ def new_port_state() -> PortState:
 
 @compilable
 def put_in(state: PortState, frames: Frames) -> None:
-    """Put frames into the inbox; those that it has no room for are counted."""
+    """Put frames into the ECU's inbox; frames for which it has no room are counted."""
     head = state.head[0]
     for i in range(frames.count):
         if head.waiting == CAPACITY:
@@ -101,13 +101,13 @@ def take_out(state: PortState, count: int) -> int:
 
 @compilable
 def next_time(last_ns: int, cycle_ns: int, now_ns: int) -> int:
-    """Return when the next cycle is due [ns]; cycles that were missed are skipped."""
+    """Return the time [ns] at which the next cycle is due; missed cycles are skipped."""
     return last_ns + cycle_ns * (1 + (now_ns - last_ns) // cycle_ns)
 
 
 @compilable
 def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
-    """Give an ECU the frames that have come by a time [ns], and call it if its time has come.
+    """Pass the ECU the frames received by a time [ns], and call its function if its next cycle is due.
 
     Returns how many frames are in `state.sent`, or what is wrong (`state.head.answer` has the details).
     """
@@ -137,5 +137,5 @@ def request_of_port(port: Port, action: int) -> None:
 
 
 def address_of(function: Any) -> int:
-    """Return the address of a ctypes function; 0: none."""
+    """Return the address of a ctypes function; 0: no function."""
     return ctypes.cast(function, ctypes.c_void_p).value or 0 if function is not None else 0

@@ -1,4 +1,4 @@
-"""Common drawing functions of all figures: colours, labels, thinning, SVG for a page.
+"""Common drawing functions of all figures: colours, labels, decimation, SVG and file output.
 
 The SVG carries its colours as CSS variables, so that the page decides on light or dark.
 """
@@ -75,7 +75,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Context with the settings in which all figures are drawn and saved."""
+    """Context with the matplotlib settings in which all figures are drawn and saved."""
     import matplotlib
 
     with matplotlib.rc_context(), warnings.catch_warnings():
@@ -86,7 +86,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """Return an empty figure; call this, and draw, inside `style`."""
+    """Return an empty figure of a size in inches; call this function, and draw, inside `style`."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -113,7 +113,7 @@ def thin(times: Floats, values: Floats, limit: int = LIMIT) -> tuple[Floats, Flo
 
 
 def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object) -> None:
-    """Draw a thinned-out line; numbers too large to draw leave a gap."""
+    """Draw a decimated line; values too large to draw leave a gap."""
     shown = np.where(np.abs(values) < 1e30, values, np.nan)
     axis.plot(*thin(times, shown), color=colour, **looks)  # type: ignore[arg-type]
 
@@ -138,7 +138,7 @@ def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
-    """Return an axis range about the same middle that is no narrower than ticks of a few digits can show."""
+    """Return the axis range around the same centre, widened where tick labels could not resolve it."""
     middle, least = 0.5 * (low + high), _LEAST_SPAN * max(abs(low), abs(high))
     half = max(0.5 * (high - low), 0.5 * least)
     return middle - half, middle + half
@@ -155,7 +155,7 @@ def log_axis(axis: Axes, side: str) -> None:
 
 
 def svg(figure: Figure, name: str, title: str) -> str:
-    """Return a figure as SVG for a page; `name` makes its identifiers unique among the figures."""
+    """Return a figure as SVG for an HTML page; `name` makes its identifiers unique among the figures."""
     stream = io.StringIO()
     with style():
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -177,7 +177,7 @@ def svg(figure: Figure, name: str, title: str) -> str:
 
 
 def png(figure: Figure, dpi: int = 130) -> bytes:
-    """Return a figure as PNG on white, for a file."""
+    """Return a figure as PNG on a white background, for a file."""
     stream = io.BytesIO()
     with style():
         figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": SOFTWARE}, facecolor="white")
@@ -185,7 +185,7 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
 
 
 def pdf(figure: Figure) -> bytes:
-    """Return a figure as PDF, for a file: the same bytes each time."""
+    """Return a figure as PDF for a file, with the same bytes for the same figure."""
     stream = io.BytesIO()
     with style():
         about = {"Creator": SOFTWARE, "Producer": None, "CreationDate": None}

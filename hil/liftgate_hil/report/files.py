@@ -1,4 +1,4 @@
-"""Report files: their paths are checked before a long computation, and written after it.
+"""Report files: check their paths before a long computation, and write them after it.
 
 A report of this program, told by what it holds, is replaced; whatever else is at its place is set aside.
 """
@@ -25,7 +25,7 @@ _PDF = f"/Creator ({SOFTWARE})"
 
 
 def is_ours(path: Path) -> bool:
-    """Whether a file is a report or a picture of this program; false if nobody can tell."""
+    """Whether a file is a report or a picture that this program wrote; False if that cannot be determined."""
     try:
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
@@ -42,13 +42,13 @@ _BEGINS = {".html": b"<!doctype", ".xml": b"<?xml", ".json": b"{"}  # how report
 
 
 def holds_form(path: Path, suffix: str) -> bool:
-    """Whether a report has the form of a suffix; true for one that has no beginning of its own."""
+    """Whether a report's content has the format of a suffix; True for formats without a known beginning."""
     with path.open("rb") as stream:
         return stream.read(_HEAD).lstrip().lower().startswith(_BEGINS.get(suffix, b""))
 
 
 def _is_our_json(content: bytes) -> bool:
-    """Whether JSON has a provenance with the version of this program."""
+    """Whether JSON content has a provenance with a version of this program."""
     try:
         return "liftgate-hil" in json.loads(content)["provenance"]["versions"]
     except (ValueError, LookupError, TypeError, RecursionError):
@@ -63,7 +63,7 @@ _KINDS = {
 
 
 def is_of_another_kind(path: Path, kind: str) -> bool:
-    """Whether a file is there that a kind of reports may not take the place of.
+    """Whether a file exists that a report of kind `kind` must not replace.
 
     That is a report of ours of another form, or what is not ours and has another suffix.
     """
@@ -75,7 +75,7 @@ def is_of_another_kind(path: Path, kind: str) -> bool:
 
 
 def check_targets(targets: Mapping[str, str | Path | None], sources: Iterable[str | Path]) -> None:
-    """Raise ConfigError with all issues of the files that arguments name, where they are given.
+    """Raise ConfigError with all issues of the output files given by arguments, each by its argument's name.
 
     No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
     beside them is removed.
@@ -109,7 +109,7 @@ def check_targets(targets: Mapping[str, str | Path | None], sources: Iterable[st
 
 
 def check_target(path: str, name: str) -> None:
-    """Raise ConfigError where an argument names a file that could not be written."""
+    """Raise ConfigError if the file that the argument `name` gives cannot be written."""
     target = Path(path)
     if "\0" in path:
         raise ConfigError(f"`{name}` {path!r}: allowed: a name without a NUL")
@@ -127,7 +127,7 @@ def check_target(path: str, name: str) -> None:
 
 
 def put_report(path: Path, content: bytes, say: Say = silent) -> None:
-    """Write a report: one of ours is replaced, other content set aside, which `say` is told.
+    """Write a report; an earlier one of this program is replaced, another file is set aside, with a message.
 
     Raises OSError, ConfigError.
     """
@@ -139,13 +139,13 @@ def put_report(path: Path, content: bytes, say: Say = silent) -> None:
 
 
 def make_way(path: Path, say: Say = silent) -> None:
-    """Set aside what is in the place of a report, unless it is an earlier one of ours. Raises ConfigError."""
+    """Set aside a file at a report's path that this program has not written. Raises ConfigError."""
     if path.is_file() and not is_ours(path) and (aside := set_aside(path)) is not None:
         say(f"{path}: the file that was there is now {aside}")
 
 
 def write_report(path: str, name: str, text: str, say: Say = silent) -> None:
-    """Write a text file as `put_report` does; raise ConfigError where that fails."""
+    """Write a text report as `put_report` does; raise ConfigError if that fails."""
     try:
         put_report(Path(path), text.encode(), say)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Formatting of numbers and names in reports."""
+"""Formatting of numbers, names and units in reports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNITS = {
 
 
 def clean(text: str, longest: int = 1000) -> str:
-    """Return a text without characters that control a terminal or break a page, its middle cut out if long."""
+    """Return a text without control characters, and shortened in the middle if it is long."""
     shown = "".join(each if each.isprintable() else "\ufffd" for each in text)
     if len(shown) <= longest:
         return shown
@@ -29,7 +29,7 @@ def clean(text: str, longest: int = 1000) -> str:
 
 
 def column_label(column: str) -> tuple[str, str]:
-    """Return words and unit of a column, ("left current", "A"), or the column itself and no unit."""
+    """Return the words and the unit of a column, ("left current", "A"), or its name and no unit."""
     words, _, suffix = column.rpartition("_")
     if words and suffix in _UNITS:
         return clean(words.replace("_", " "), 40), _UNITS[suffix]
@@ -41,13 +41,13 @@ def column_label(column: str) -> tuple[str, str]:
 
 
 def axis_label(column: str) -> str:
-    """Return the label of a column with its unit."""
+    """Return the axis label of a column, with its unit."""
     words, unit = column_label(column)
     return f"{words} [{unit}]" if unit else words
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits, including trailing zeros, which are known."""
+    """Return a number as text with `digits` significant digits, including trailing zeros, which are known."""
     if not math.isfinite(value):
         return NONE if math.isnan(value) else ("∞" if value > 0.0 else "-∞")
     if value == 0.0:
@@ -70,17 +70,17 @@ def known_digits(value: float, std: float) -> str:
 
 
 def plain(value: float) -> str:
-    """Return a number as given, with at most six digits."""
+    """Return a number as text, rounded to at most six significant digits."""
     return f"{value:.6g}" if math.isfinite(value) else significant(value)
 
 
 def deviation(std: float) -> str:
-    """Return a standard deviation with two digits, or a dash where there is none."""
+    """Return a standard deviation as text with two digits, or a dash where there is none."""
     return significant(std, 2) if math.isfinite(std) else NONE
 
 
 def percent(share: float, sign: str = "") -> str:
-    """Return a share in %, without the % sign; `sign` "+" always shows its sign."""
+    """Return a share as text in %, without the % sign; `sign` "+" always shows its sign."""
     if not math.isfinite(share):
         return NONE
     if abs(share) >= 1e5:
@@ -90,17 +90,17 @@ def percent(share: float, sign: str = "") -> str:
 
 
 def relative_error(value: float, std: float) -> float:
-    """Return the standard deviation in % of the value; NaN for a value of 0 or an infinite deviation."""
+    """Return a standard deviation in % of its value; NaN for a value of 0 or an infinite deviation."""
     return 100.0 * std / abs(value) if value != 0.0 and math.isfinite(std) else math.nan
 
 
 def relative_change(value: float, initial: float) -> float:
-    """Return the change in % of the initial value; NaN where that was zero."""
+    """Return the change in % of the initial value; NaN for an initial value of 0."""
     return 100.0 * (value - initial) / abs(initial) if initial != 0.0 else math.nan
 
 
 def fit(value: float) -> str:
-    """Return a fit in % with two decimals, which show the difference between good models."""
+    """Return a model's fit in % as text with two decimals, which show the difference between good models."""
     if not math.isfinite(value):
         return NONE if math.isnan(value) else significant(value)
     return f"{value:.2f}" if abs(value) < 1e5 else f"{value:.1e}"

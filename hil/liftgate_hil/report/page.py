@@ -1,4 +1,4 @@
-"""HTML page around a report: one file that loads nothing, light and dark, for screen and paper."""
+"""HTML page of a report: one self-contained file, light and dark, for screen and paper."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 class Markup(str):
-    """Text that is HTML already."""
+    """Text that is HTML already, and is not escaped."""
 
     __slots__ = ()
 
 
 def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") -> str:
-    """Return the whole file from title and subtitle as text, sections as HTML, and additional CSS (`style`)."""
+    """Return a whole HTML page from title and subtitle as text, sections as HTML, and additional CSS (`style`)."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f"{GENERATOR}\n"
@@ -66,18 +66,18 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
 
 
 def text(content: str) -> str:
-    """Return any text escaped for elements and quoted attributes; Markup stays as it is."""
+    """Return a text escaped for HTML elements and quoted attributes; Markup stays as it is."""
     return content if isinstance(content, Markup) else escape(clean(content))
 
 
 def section(title: str, *parts: str) -> str:
-    """Return a heading with its parts; empty where all parts are empty."""
+    """Return an HTML section with a heading; empty where all its parts are empty."""
     kept = [part for part in parts if part]
     return "\n".join([f"<h2>{text(title)}</h2>", *kept]) if kept else ""
 
 
 def subheading(title: str) -> str:
-    """Return a smaller heading."""
+    """Return a subheading in HTML."""
     return f"<h3>{text(title)}</h3>"
 
 
@@ -89,12 +89,12 @@ def bullets(texts: Sequence[str]) -> str:
 
 
 def alert(texts: Sequence[str]) -> str:
-    """Return a highlighted list of texts that must not be overlooked."""
+    """Return a highlighted list in HTML, for texts that must not be overlooked."""
     return f'<div class="alert" role="note">\n{bullets(texts)}\n</div>' if texts else ""
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[str]) -> str:
-    """Return a table of texts or Markup; `classes` has the CSS class of each column."""
+    """Return an HTML table of texts or Markup; `classes` has the CSS class of each column."""
     if not rows:
         return ""
 
@@ -113,7 +113,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
 
 
 def pairs(rows: Sequence[tuple[str, str]]) -> str:
-    """Return a table of names and values, texts or Markup, without a head."""
+    """Return an HTML table of names and values, texts or Markup, without a header."""
     if not rows:
         return ""
     body = "\n".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows)
@@ -121,7 +121,7 @@ def pairs(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def figure(drawing: str, caption: str, *, small: bool = False) -> str:
-    """Return a drawing (SVG) with its caption; on a phone it is scrolled, so that its text stays readable."""
+    """Return an HTML figure of an SVG drawing with its caption; it scrolls on a phone, to stay readable."""
     kind = ' class="small"' if small else ""
     label = text(f"picture: {caption}" if caption else "picture")
     frame = f'<div class="wide" tabindex="0" role="group" aria-label="{label}">\n{drawing}</div>\n'

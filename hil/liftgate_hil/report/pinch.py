@@ -1,4 +1,4 @@
-"""The pinch event of a run: pinch force and its duration, reversal of the gate, and limits of other doors.
+"""Pinch event of a run: pinch force and its duration, the gate's reversal, and limits of other doors.
 
 No regulation for power lift gates gives a force: all limits here are borrowed from other doors.
 """
@@ -52,7 +52,7 @@ _STOPS = 0.1  # of its highest speed back, below which it coasts to a stop, or c
 
 # fmt: off
 class LimitMargin(NamedTuple):
-    """A force limit, and how far a pinch event is from it."""
+    """A force limit, and the margin of a pinch event to it."""
 
     force_n: Annotated[float, Shown("the limit [N]")]
     longest_s: Annotated[float, Shown("how long it may be exceeded without interruption [s]")]
@@ -80,18 +80,18 @@ class PinchEvent(NamedTuple):
     @property
     def reversal_time_s(self) -> Annotated[float, Shown("from the first touch to the reversal [s]; null: the gate "
         "did not reverse")]:
-        """Time [s] from the first touch to the turn; NaN where the gate did not turn."""
+        """Time [s] from the first touch to the gate's reversal; NaN if it did not reverse."""
         return self.turn_s - self.start_s
 
     @property
     def further_deg(self) -> Annotated[float, Shown("how far the gate went on after the first touch [deg]; null: "
         "the gate did not reverse", key="reversal_further_deg")]:
-        """Angle [deg] by which the gate went on after the first touch; NaN where it did not turn."""
+        """Angle [deg] that the gate moved on after the first touch; NaN if it did not reverse."""
         return abs(self.turn_deg - self.start_deg)
 
     @property
     def limits(self) -> Annotated[tuple[LimitMargin, ...], Shown("force limits, borrowed from other doors")]:
-        """LIMITS, and how far the force is from each."""
+        """All force LIMITS, and the margin of the pinch force to each."""
         return tuple(
             LimitMargin(each.force, each.longest, each.source, each.is_judged, each.force - self.force_n, over)
             for each, over in zip(LIMITS, self.longest_s, strict=True)
@@ -99,11 +99,11 @@ class PinchEvent(NamedTuple):
 
     # fmt: on
     def over(self, limit: TimedForceLimit) -> bool:
-        """Whether the force exceeded a limit of LIMITS for longer than is allowed."""
+        """Whether the pinch force exceeded a limit for longer than the limit allows."""
         return self.longest_s[LIMITS.index(limit)] > limit.longest
 
     def fault(self, limit: TimedForceLimit) -> str:
-        """Return the message for a force that is over a limit."""
+        """Return the message for a pinch force that exceeds a limit."""
         if not limit.longest:
             return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"
         return (
@@ -112,7 +112,7 @@ class PinchEvent(NamedTuple):
         )
 
     def lines(self) -> list[str]:
-        """Return the event as lines of text."""
+        """Return a description of the pinch event as lines of text."""
         lines = [f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and {self.angle_deg:.2f} deg"]
         for limit, over in zip(LIMITS, self.longest_s, strict=True):
             margin = limit.force - self.force_n

@@ -1,4 +1,4 @@
-"""Provenance of a result: command line, date, versions, files; the same in JSON and HTML."""
+"""Provenance of a result (command line, date, versions, files), the same in JSON and HTML."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Provenance(DescribedResult):
 def provenance_of(
     command_line: str, sources: Mapping[str, Source], environment: Mapping[str, str] = os.environ
 ) -> Provenance:
-    """Return the provenance of a result of now, or of the time in `SOURCE_DATE_EPOCH` of the environment."""
+    """Return a result's provenance, dated now or by `SOURCE_DATE_EPOCH` of the environment."""
     given = environment.get(_EPOCH, "")
     is_given = given.isascii() and given.isdigit() and len(given) < 12
     now = datetime.fromtimestamp(int(given), UTC) if is_given else datetime.now(UTC)

@@ -1,4 +1,4 @@
-"""Plot of a run: the whole run, and beside it the pinch event at a scale on which it can be judged."""
+"""Plot of a run, with its pinch event beside it on a larger scale."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FORCE = "#a8246e"
 
 
 class DrawnObstacle(NamedTuple):
-    """An obstacle: its angle [deg], and the time [s] from start to end at which it is there."""
+    """An obstacle in a plot: its angle [deg], and the times [s] between which it is present."""
 
     angle_deg: float
     start: float
@@ -41,7 +41,7 @@ class DrawnObstacle(NamedTuple):
 
 @dataclass(frozen=True)
 class RunPicture:
-    """The content of a plot: rows, the contact in them, obstacles, marks (time [s], text)."""
+    """Data of a plot: rows of a run, the pinch event in them, obstacles, marks (time [s], text)."""
 
     title: str
     columns: Columns
@@ -50,7 +50,7 @@ class RunPicture:
     marks: Sequence[tuple[float, str]] = ()
 
     def between(self, low: float, high: float) -> RunPicture:
-        """Return the picture with only the rows between two times [s]."""
+        """Return the plot's data with only the rows between two times [s]."""
         times = self.columns["time_s"]
         rows = slice(*np.searchsorted(times, (low, high)).tolist())
         columns = {name: values[rows] for name, values in self.columns.items()}
@@ -58,7 +58,7 @@ class RunPicture:
 
 
 def hall_speed(times: Floats, counts: Floats) -> Floats:
-    """Return counts per second over a short window, as an ECU would measure them."""
+    """Return the Hall counts per second over a short window, as an ECU would measure them."""
     rows = max(1, round(_WINDOW / float(np.median(np.diff(times)))))
     speed = np.zeros(len(counts))
     speed[rows:] = (counts[rows:] - counts[:-rows]) / (times[rows:] - times[:-rows])
@@ -162,12 +162,12 @@ def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
 
 
 def window_of(event: PinchEvent) -> tuple[float, float]:
-    """Return the times [s] between which a contact is drawn."""
+    """Return the times [s] between which a pinch event is drawn."""
     return event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
 
 
 def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> None:
-    """Draw the peak force, and an arrow from there to the judged limit."""
+    """Draw the peak pinch force, and an arrow from it to the limit that is judged."""
     limit, text = LIMITS[0], f"peak {event.force_n:.1f} N\nat {event.time_s:.3f} s, {event.angle_deg:.2f} deg"
     for each in LIMITS:
         if not each.longest:
@@ -185,7 +185,7 @@ def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> No
 
 
 def draw_reversal(axis: Axes, event: PinchEvent) -> None:
-    """Draw when and where the gate turned."""
+    """Draw the time and the angle at which the gate reversed."""
     if not np.isfinite(event.turn_s):
         text, place = "did not reverse", (event.start_s, event.start_deg)
     else:
@@ -213,7 +213,7 @@ def draw_angle(axis: Axes, picture: RunPicture) -> None:
 
 
 def _acts_from(columns: Columns, obstacle: DrawnObstacle) -> float:
-    """Return when [s] an obstacle can be met: once the gate is beyond it; its start where the gate never is."""
+    """Return the time [s] from which an obstacle can be touched: once the gate is beyond it, else its start."""
     times = columns["time_s"]
     is_clear = (times >= obstacle.start) & (columns["gate_angle_deg"] > obstacle.angle_deg)
     return float(times[np.argmax(is_clear)]) if is_clear.any() else obstacle.start
@@ -241,13 +241,13 @@ def command_reversal(columns: Columns, event: PinchEvent) -> tuple[float, float]
 
 
 def _mark_command_reversal(axis: Axes, picture: RunPicture) -> None:
-    """Name the spike of the current with which the ECU reverses the motors."""
+    """Label the spike of motor current with which the ECU reverses the motors."""
     if picture.event is not None and (found := command_reversal(picture.columns, picture.event)) is not None:
         _annotate(axis, found, "ECU reverses", (8, -6))
 
 
 def draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
-    """Draw the drives that there are, each with its own colour and line style."""
+    """Draw a quantity of each drive, with its own colour and line style."""
     axis.set_ylabel(label)
     for side, (colour, dashes, width) in DRIVES.items():
         if side + ending in picture.columns:

@@ -14,7 +14,7 @@ from liftgate_hil.report.provenance import Provenance
 # fmt: off
 @dataclass(frozen=True)
 class RunReport(DescribedResult):
-    """Report on a run: its result, what ended it, and its provenance."""
+    """JSON report on a run: its result, what ended it, and its provenance."""
 
     result: Annotated[RunResult, Shown("its result", is_flat=True)]
     stop_reason: Annotated[str, Shown("signal that stopped the run: `SIGINT`, `SIGTERM`; else `given up`, if the "
@@ -24,7 +24,7 @@ class RunReport(DescribedResult):
 
 @dataclass(frozen=True)
 class DemoReport(RunReport):
-    """Report on a demo."""
+    """JSON report on a demo: the report on its run, and its pinch event."""
 
     pinch: Annotated[PinchEvent | None, Shown("`demo` only: the contact with the largest pinch force; null: "
         "nothing was pinched")]

@@ -1,4 +1,4 @@
-"""Plots of signals over time with limits, a window and a margin, as SVG that takes its colours from the page.
+"""SVG plots of signals over time with limits, a window and a margin, in the colours of the page.
 
 The SVG is small, because a report of thousands of scenarios has thousands of plots.
 """
@@ -23,7 +23,7 @@ _LARGEST = 1e30  # magnitude of the values that are drawn, at most
 
 
 class LinearScale(NamedTuple):
-    """A linear mapping from values to pixels."""
+    """A linear mapping from values to pixels of an axis."""
 
     low: float
     high: float
@@ -31,18 +31,18 @@ class LinearScale(NamedTuple):
     end: float
 
     def at(self, value: float) -> float:
-        """Return the place of a value [px]."""
+        """Return the pixel coordinate of a value."""
         share = (value - self.low) / (self.high - self.low)
         return self.start + share * (self.end - self.start)
 
     def inside(self, value: float) -> bool:
-        """Whether a value lies on the axis."""
+        """Whether a value lies within the axis range."""
         slack = 1e-9 * (self.high - self.low)
         return self.low - slack <= value <= self.high + slack
 
 
 def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[float, float]:
-    """Return the range of an axis: all of its signals, and limits as long as the signals stay readable.
+    """Return an axis range that has all signals, and the limits as far as the signals stay readable.
 
     A constant signal stays readable with any limit.
     """
@@ -62,7 +62,7 @@ def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[floa
 
 
 def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Return round numbers within a range with their texts, at most `most` + 1."""
+    """Return at most `most` + 1 round numbers within a range as axis ticks, with their labels."""
     raw = (high - low) / most
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= raw * (1 - 1e-9))
@@ -112,7 +112,7 @@ _LETTER = 6.0  # px, approximate width of a letter
 
 
 class SignalLine(NamedTuple):
-    """A signal: lowest and highest value (n,) of each bin."""
+    """A signal in a panel: lowest and highest value (n,) of each bin."""
 
     label: str
     low: Floats
@@ -142,7 +142,7 @@ class Margin(NamedTuple):
 
 @dataclass
 class Panel:
-    """Signals of one unit on one axis."""
+    """Panel of a picture: signals of one unit on one axis, with limits."""
 
     title: str
     unit: str
@@ -154,7 +154,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels over one time axis: `times` [s] (n,) are those of the bins, `decided` an instant with its name."""
+    """Panels over a common time axis: bins at `times` [s] (n,), and an instant `decided` with its label."""
 
     times: Floats
     panels: Sequence[Panel]
@@ -164,7 +164,7 @@ class Picture:
 
 
 def trace_svg(picture: Picture, title: str) -> str:
-    """Return the picture as SVG for a page that includes STYLE."""
+    """Return a picture as SVG for a page that includes STYLE."""
     step = _TITLE + _HEIGHT
     top = 34.0 if picture.decided is not None else 18.0 if picture.window is not None else 0.0
     height = top + step * len(picture.panels) + _BOTTOM
@@ -217,7 +217,7 @@ def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]
 
 
 def _curve(line: SignalLine, times: Floats, x: LinearScale, y: LinearScale, colour: str) -> list[str]:
-    """Return the curve in pieces between gaps, as a band where its bins contain more than one value."""
+    """Return a signal's curve as SVG, in pieces between gaps, as a band where bins contain several values."""
     low, high = line.low, line.high
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -241,7 +241,7 @@ def _curve(line: SignalLine, times: Floats, x: LinearScale, y: LinearScale, colo
 
 
 def _points(times: Floats, values: Floats, x: LinearScale, y: LinearScale) -> list[str]:
-    """Return points of a curve, without those whose value equals that of both neighbours."""
+    """Return a curve's points as SVG coordinates, without points equal to both neighbours."""
     needed = np.ones(len(values), dtype=bool)
     needed[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
     shown = np.clip(values[needed], y.low - (y.high - y.low), y.high + (y.high - y.low))
@@ -339,5 +339,5 @@ def _words(across: float, down: float, label: str, anchor: str, kind: str = "") 
 
 
 def _n(value: float) -> str:
-    """Return a coordinate as text, to a tenth of a pixel."""
+    """Return a coordinate as text, rounded to a tenth of a pixel."""
     return f"{value:.1f}".removesuffix(".0")

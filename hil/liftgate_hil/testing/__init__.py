@@ -1,1 +1,1 @@
-"""Scenarios as tests: collected, run, judged, reported; and the pytest plugin."""
+"""Scenario files as tests: collect, run, judge and report them; and the pytest plugin."""

@@ -1,4 +1,4 @@
-"""Verdict of the demo: whether gate and ECU did what it shows, and whether a run in real time counts."""
+"""Verdict of the demo: whether gate and ECU behaved as required, and whether a real-time run is valid."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MOVED_DEG = 1.0  # a gate that moves by less only settles
 
 
 def failures(shown: Result, event: PinchEvent | None, is_ours: bool) -> list[str]:
-    """Return the failures of a whole demo.
+    """Return in words each requirement of the demo that a whole run of it does not meet.
 
     An ECU that `is_ours` must also report its reversal as an event. In real time it is late only where its machine
     is, which the scenario's tolerance covers; another one must be in time.
@@ -46,7 +46,7 @@ def failures(shown: Result, event: PinchEvent | None, is_ours: bool) -> list[str
 
 
 def busy_with(shown: Result, is_ours: bool) -> str:
-    """Return the reason why a run in real time does not count because the machine was too busy; "": it counts.
+    """Return the reason why the demo's real-time run is invalid as the machine was too busy; "": it is valid.
 
     A reason is a verdict that the machine's lateness may have decided, and, with an ECU that `is_ours` and so is
     late only where its machine is, any failure of a late run. Such a run is repeated on the free clock.
@@ -63,7 +63,7 @@ def busy_with(shown: Result, is_ours: bool) -> str:
 
 
 def _standstill(shown: Result) -> list[str]:
-    """Return why a gate never moved, as far as the commands show it; empty where it moved."""
+    """Return in a list why the gate never moved, as far as the commands show it; empty: it moved."""
     accepted, angles = shown.summary.received.accepted, shown.trace["gate_angle_deg"]
     if angles.max() - angles.min() >= _MOVED_DEG:
         return []

@@ -54,7 +54,7 @@ summary .soft { color: var(--soft); } details figure { margin: .6rem 0 .3rem; }
 
 
 class SuiteReport:
-    """Collects pictures while a suite runs, and makes the page at its end."""
+    """Collects the pictures of outcomes while a suite runs, and makes the HTML report at its end."""
 
     def __init__(self) -> None:
         self._figures: dict[tuple[str, str], str] = {}
@@ -83,7 +83,7 @@ class SuiteReport:
     def html(
         self, outcomes: Sequence[Outcome], provenance: Provenance, mutation: MutationResult | None = None
     ) -> str:
-        """Return the page; `mutation` is the result of mutation testing, where there was any."""
+        """Return the suite's HTML report; `mutation` is the result of mutation testing, if there was any."""
         title = f"Test report: {verdict_of(outcomes)}"
         if mutation is not None:  # these tests are what is tested, and the verdict of the sound ECU is no score
             matrix = mutation.matrix
@@ -160,14 +160,14 @@ def _ecu_name(outcome: Outcome) -> str:
 
 
 def _each(values: Iterable[str], most: int = 5) -> str:
-    """Return the values in words, each once."""
+    """Return the different values as a text, at most `most` of them."""
     found = list(dict.fromkeys(values))
     more = f" and {len(found) - most} more: see the scenarios" if len(found) > most else ""
     return ", ".join(found[:most]) + more
 
 
 def _timing(outcomes: Sequence[Outcome]) -> str:
-    """Return in words whether the bench itself kept time."""
+    """Return in words whether the bench was on time in all runs."""
     summaries = [
         each.result.summary
         for each in outcomes
@@ -203,7 +203,7 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
 
 
 def _matrix(outcomes: Sequence[Outcome]) -> str:
-    """Return a table of requirement, scenario, expectation, verdict; what has no requirement comes last."""
+    """Return the HTML table of requirement, scenario, expectation, verdict; rows without requirement last."""
     names = _short_names(outcomes)
     found: dict[str, list[tuple[int, int, Verdict]]] = {}
     without = []
@@ -233,7 +233,7 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
 
 
 def _folder(outcomes: Sequence[Outcome]) -> Path:
-    """Return the folder that all scenarios are in."""
+    """Return the common folder of all scenario files."""
     folders = [Path(each.case.file).parent.parts for each in outcomes]
     shared = [names[0] for names in zip(*folders, strict=False) if len(set(names)) == 1]
     differs = [len(set(names)) > 1 for names in zip(*folders, strict=False)]
@@ -241,7 +241,7 @@ def _folder(outcomes: Sequence[Outcome]) -> Path:
 
 
 def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the scenarios' files without that folder."""
+    """Return the paths of the scenario files relative to their common folder."""
     folder = _folder(outcomes)
     return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
 

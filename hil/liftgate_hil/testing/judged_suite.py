@@ -1,4 +1,4 @@
-"""Suite of recorded runs: which files are of one run, and the outcome of each for the reports."""
+"""Suite of recorded runs: which files belong to the same run, and the outcome of each run for the reports."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CLOCK = "recorded"
 
 
 def runs_of(files: Sequence[Path], is_one: bool = False) -> list[tuple[Path, ...]]:
-    """Return the files of each run, tables first: those of one name but for the suffix, or all (`is_one`).
+    """Group recording files by run, tables first: files with the same stem, or all files (`is_one`).
 
     Raises ConfigError where a file is given twice.
     """
@@ -42,7 +42,7 @@ def runs_of(files: Sequence[Path], is_one: bool = False) -> list[tuple[Path, ...
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedCase(Case):
-    """A recorded run to be judged, and by what; `differences` are notes on what the recording says otherwise."""
+    """A recorded run and the expectations to judge it by; `differences`: notes on deviations from the scenario."""
 
     about: RecordingExpectations
     differences: Sequence[str]
@@ -51,7 +51,7 @@ class RecordedCase(Case):
 def recorded_cases_of(
     runs: Sequence[tuple[Path, ...]], about: RecordingExpectations, is_reported: bool = True
 ) -> list[RecordedCase]:
-    """Return a case for each run; `is_reported`: with its files' hashes. Raises ConfigError."""
+    """Return a case for each run; `is_reported`: the case includes the hashes of its files. Raises ConfigError."""
     found = []
     for paths in runs:
         own, differences = as_recorded(paths, about)
@@ -72,7 +72,7 @@ def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_report
 def judge_suite(
     cases: Sequence[RecordedCase], is_summarized: bool, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[Outcome]:
-    """Judge the cases, and yield the outcome of each.
+    """Judge the recorded runs, and yield the outcome of each.
 
     After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
     issues of the only one.

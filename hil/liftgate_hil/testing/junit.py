@@ -1,4 +1,4 @@
-"""Outcomes of a suite as JUnit XML, as CI servers read it.
+"""Outcomes of a suite as JUnit XML, which CI servers read.
 
 It is valid against the schema of Apache Ant's reports (windyroad/JUnit-Schema, JUnit.xsd), whose timestamps have
 no time zone: they are UTC here.
@@ -45,14 +45,14 @@ def as_junit(outcomes: Sequence[Outcome], mutation: MutationResult | None = None
 
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:
-    """Return JUnit XML of a suite that was not begun: an error for each issue of its files and flags."""
+    """Return JUnit XML of a suite that did not start: an error for each issue of its files and flags."""
     root = ElementTree.Element("testsuites")
     _add_suite(root, "files and flags", "liftgate-hil", [(each, ERROR, each) for each in issues])
     return _written(root)
 
 
 def class_names(files: Sequence[Path]) -> list[str]:
-    """Return the class name of each file's test cases, each unique.
+    """Return the JUnit class name for the test cases of each file, each unique.
 
     CI servers recognize a case from run to run by it, and sort by its parts. It is the path without suffix, from
     the folder of the shipped scenarios, else from the working folder, else the name with its folder's, however a
@@ -109,7 +109,7 @@ def _add_suite(
 
 
 def properties_of(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the properties of a run (name, value): vehicle, seed, ECU, recordings, requirements, parameters."""
+    """Return a run's JUnit properties (name, value): vehicle, seed, ECU, recordings, requirements, parameters."""
     setup = outcome.case.plan.setup
     entries = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
     if outcome.case.recordings:
@@ -131,5 +131,5 @@ def _written(root: ElementTree.Element) -> bytes:
 
 
 def _text(text: str) -> str:
-    """Return a text with `?` for each character that XML cannot hold."""
+    """Return a text with `?` in place of each character that XML cannot hold."""
     return _NOT_IN_XML.sub("?", text)

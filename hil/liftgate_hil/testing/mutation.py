@@ -1,4 +1,4 @@
-"""Mutation testing of scenarios: which defects of the reference ECU they find."""
+"""Mutation testing of scenarios: which seeded defects of the reference ECU they detect."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 @dataclass(frozen=True)
 class NamedExpectation(DescribedResult):
-    """An expectation of a scenario, by name."""
+    """An expectation, as the file of its scenario and its name."""
 
     file: Annotated[str, Shown("scenario")]
     expectation: Annotated[str, Shown("name of its expectation")]
@@ -35,7 +35,7 @@ class NamedExpectation(DescribedResult):
 
 @dataclass(frozen=True)
 class FoundMutant(DescribedResult):
-    """A mutant, where its defect shows, and what kills it."""
+    """A mutant, the scenarios in which its defect shows, and the expectations that kill it."""
 
     name: Annotated[str, Shown("name of the mutant")]
     meaning: Annotated[str, Shown("its defect")]
@@ -75,7 +75,7 @@ class Matrix:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
     def expectations(self, case: Case) -> list[str]:
-        """Return the expectations of a scenario that the sound ECU passes."""
+        """Return the names of a scenario's expectations that the sound ECU passes."""
         names = [each.name for each in case.plan.setup.scenario.expectations]
         return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
 
@@ -95,7 +95,7 @@ class Matrix:
 
     @property
     def score(self) -> float:
-        """Share of the mutants that are killed."""
+        """Share of killed mutants, 0 to 1."""
         return len(self.killed) / len(MUTANTS)
 
     @property
@@ -108,15 +108,15 @@ class Matrix:
         return bool(self.reached_in(mutant))
 
     def reached_in(self, mutant: str) -> list[str]:
-        """Return the scenarios in which a mutant's defect shows."""
+        """Return the scenarios in which a mutant's defect changes the ECU's state or command."""
         return self._other(self.courses, mutant)
 
     def propagated_in(self, mutant: str) -> list[str]:
-        """Return those of `reached_in` in which it also changes a command, and so gate and motors."""
+        """Return the scenarios in which a mutant's defect changes a command, and so gate and motors."""
         return self._other(self.commands, mutant)
 
     def where(self, mutant: str, most: int | None = None) -> str:
-        """Return where the defect of a mutant that survives shows, in words; "": nowhere.
+        """Return in words the scenarios in which a surviving mutant's defect shows; "": in none.
 
         At most `most` scenarios are named (None: all), first those in which it changes a command.
         """
@@ -136,12 +136,12 @@ class Matrix:
 
     @property
     def never_reached(self) -> list[str]:
-        """Mutants that do in every control cycle of every scenario what the sound ECU does."""
+        """Mutants that behave in every control cycle of every scenario as the sound ECU does."""
         return [name for name in self.survivors if not self.is_reached(name)]
 
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
-        """Expectations that pass with every mutant, and without an ECU, as pairs of file and name.
+        """Expectations that pass with every mutant and without an ECU, as pairs of file and name.
 
         A mutant may leave them inconclusive, for example where it does not complete the precondition.
         """
@@ -165,7 +165,7 @@ class Matrix:
 
     @property
     def mutants(self) -> tuple[FoundMutant, ...]:
-        """All mutants, and where each was found."""
+        """All mutants, each with where its defect shows and which expectations kill it."""
         return tuple(
             FoundMutant(
                 each.name,
@@ -179,7 +179,7 @@ class Matrix:
         )
 
     def summary(self) -> str:
-        """Return how many mutants are killed, and how the others survive, in words."""
+        """Return in words how many mutants are killed, and how many survive in which way."""
         ways = ((self.tolerated, REACHED), (self.never_reached, NEVER_REACHED))
         how = ", ".join(f"{len(names)} {what}" for names, what in ways if names)
         return f"{len(self.killed)} of {len(MUTANTS)} mutants killed" + (
@@ -187,7 +187,7 @@ class Matrix:
         )
 
     def lines(self) -> Iterator[str]:
-        """Yield the matrix as lines: each mutant with the scenarios that kill it, then what proves nothing."""
+        """Yield the matrix as lines: each mutant with the scenarios that kill it; then useless expectations."""
         width = max(map(len, MUTANTS))
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
@@ -218,7 +218,7 @@ class MutationResult(DescribedResult):
     @property
     def verdict(self) -> Annotated[str, Shown("`pass`; `fail`: fewer are killed than --mutation-threshold says; "
         "`error`: stopped")]:
-        """Verdict on the scenarios as tests: error if it was stopped, fail below the threshold, else pass."""
+        """Verdict on the scenarios as tests: error if testing was stopped, fail below the threshold, else pass."""
         if self.matrix is None:
             return ERROR
         is_missed = self.percent_required is not None and self._percent < self.percent_required
@@ -226,12 +226,12 @@ class MutationResult(DescribedResult):
 
     @property
     def _percent(self) -> float:
-        """Score as it is shown [%]."""
+        """Mutation score rounded as it is shown [%]."""
         return 0.0 if self.matrix is None else round(100.0 * self.matrix.score, 1)
 
     @property
     def reason(self) -> Annotated[str, Shown("why, in words; empty where no share is required")]:
-        """Reason of the verdict; "": no share was required."""
+        """Reason of the verdict; "": no share of killed mutants was required."""
         if self.matrix is None:
             return "the runs with mutants were stopped before their end: no score is known"
         if self.percent_required is None:
@@ -242,30 +242,30 @@ class MutationResult(DescribedResult):
     @property
     def threshold(self) -> Annotated[float | None, Shown("share of --mutation-threshold, 0 to 1; null: none was "
         "given")]:
-        """Share of the mutants that must be killed."""
+        """Required share of killed mutants, 0 to 1; None: no share was required."""
         return None if self.percent_required is None else self.percent_required / 100.0
 
     @property
     def score(self) -> Annotated[float | None, Shown("share of the mutants that are killed, 0 to 1; null: stopped "
         "before its end")]:
-        """Share of the mutants that are killed."""
+        """Share of killed mutants, 0 to 1; None: testing was stopped."""
         return None if self.matrix is None else self.matrix.score
 
     @property
     def mutants(self) -> Annotated[tuple[FoundMutant, ...], Shown("all mutants")]:
-        """All mutants."""
+        """All mutants, each with the scenarios in which its defect shows and the expectations that kill it."""
         return () if self.matrix is None else self.matrix.mutants
 
     @property
     def prove_nothing(self) -> Annotated[tuple[NamedExpectation, ...], Shown("expectations that pass with every "
         "mutant, and without an ECU")]:
-        """Expectations that prove nothing."""
+        """Expectations that pass with every mutant and without an ECU."""
         return () if self.matrix is None else _named(self.matrix.prove_nothing)
 
     @property
     def not_counted(self) -> Annotated[tuple[NamedExpectation, ...], Shown("expectations that the sound ECU "
         "itself does not pass: they can kill no mutant")]:
-        """Expectations that the sound ECU does not pass."""
+        """Expectations that the sound ECU does not pass, so that they can kill no mutant."""
         return () if self.matrix is None else _named(self.matrix.not_counted)
 
 
@@ -300,12 +300,12 @@ def mutate(
 
 
 def _unasked(case: Case) -> Case:
-    """Return a case without requests and precondition: without an ECU all that waits for them is inconclusive."""
+    """Return a case without requests and precondition: without an ECU, what waits for them is inconclusive."""
     scenario = replace(case.plan.setup.scenario, requests=(), precondition=())
     return _varied(case, case.job, replace(case.plan.setup, scenario=scenario))
 
 
 def _varied(case: Case, job: Job, setup: Setup | None = None) -> Case:
-    """Return a case with another job, or another setup."""
+    """Return a copy of a case with another job, or another setup."""
     assert isinstance(case.plan, Plan)
     return replace(case, plan=case.plan.varied(job, setup))

@@ -1,4 +1,4 @@
-"""Outcome of a scenario, or of a recorded run, and how many expectations of several have which verdict."""
+"""Outcome of a scenario or of a recorded run, and the number of expectations with each verdict."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MISSING = 0.05  # share of the commands whose counter is missing, from which on
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario to run, or one whose expectations are judged from recordings of a run."""
+    """A scenario to run, or a scenario to judge from recordings of a run."""
 
     file: str  # as reports name it
     plan: Subject  # a Plan, where it is run
@@ -30,7 +30,7 @@ class Case:
 
     @property
     def job(self) -> Job:
-        """Job of the case."""
+        """Job of the case: the options of its run."""
         return self.plan.job
 
 
@@ -49,7 +49,7 @@ class EcuName(DescribedResult):
 
 @dataclass(frozen=True)
 class Attempt(DescribedResult):
-    """An earlier attempt of a scenario, which was inconclusive."""
+    """An earlier, inconclusive attempt to run a scenario."""
 
     verdict: Annotated[str, Shown("verdict of the attempt")]
     expectations: Annotated[tuple[Verdict, ...], Shown("its expectations, see Expectation")]
@@ -71,13 +71,13 @@ class Outcome(DescribedResult):
 
     @property
     def file(self) -> Annotated[str, Shown("the scenario, or the recordings that were judged")]:
-        """Name of the case."""
+        """Path of the scenario, or of the recordings that were judged."""
         return self.case.file
 
     @property
     def condition_times(self) -> Annotated[Mapping[str, float], Shown("when each condition with which a stimulus "
         "begins came true; those that never did are missing", names=("CONDITION",), meanings=("model time [s]",))]:
-        """When conditions came true."""
+        """Times [s] at which the conditions that start stimuli came true, by condition."""
         return {} if self.result is None else self.result.condition_times
 
     @property
@@ -124,23 +124,23 @@ class Outcome(DescribedResult):
     @property
     def tries(self) -> Annotated[tuple[Attempt, ...], Shown("earlier, inconclusive attempts, with "
         "`--retry-inconclusive`", key="attempts")]:
-        """Earlier attempts, as they are shown."""
+        """Earlier, inconclusive attempts."""
         return tuple(Attempt(each.verdict, each.expectations, each.recordings) for each in self.attempts)
 
     @property
     def recordings(self) -> Annotated[tuple[Path, ...], Shown("files that the run wrote")]:
-        """Files that the run wrote, or that were judged."""
+        """Recordings that the run wrote, or that were judged."""
         return () if self.result is None else self.result.recording
 
     @property
     def sources(self) -> Annotated[Mapping[str, Source], Shown("files that were read, by purpose",
         names=("PURPOSE",), meanings=("a file",))]:
-        """Files that were read, by purpose."""
+        """Files that were read, by their purpose."""
         return self.case.plan.sources
 
     @property
     def notes(self) -> Annotated[list[str], Shown("texts that may explain the verdict")]:
-        """Notes that may explain the outcome, beside the verdicts.
+        """Notes that may explain the outcome, in addition to the verdicts.
 
         These are earlier attempts, frames of the ECU that were refused, a gate that got no command, notes of the
         result, and faults that a test bench has injected.
@@ -199,19 +199,19 @@ class VerdictCounts(DescribedResult):
         return sum(self.by_verdict().values())
 
     def by_verdict(self) -> dict[str, int]:
-        """Return the numbers by the verdicts."""
+        """Return the numbers of expectations by verdict."""
         return {PASS: self.passed, FAIL: self.failed, INCONCLUSIVE: self.inconclusive, ERROR: self.error}
 
 
 # fmt: on
 def counts_of(outcomes: Sequence[Outcome]) -> VerdictCounts:
-    """Return how many expectations have which verdict."""
+    """Return how many expectations of all outcomes have which verdict."""
     verdicts = [each.verdict for outcome in outcomes for each in outcome.expectations]
     return VerdictCounts(*(verdicts.count(name) for name in (PASS, FAIL, INCONCLUSIVE, ERROR)))
 
 
 def not_run(case: Case, reason: str) -> Outcome:
-    """Return the outcome of a case that was not run."""
+    """Return the outcome of a case that was not run, for the given reason."""
     expectations = case.plan.setup.scenario.expectations
     verdicts = tuple(Verdict(each.name, ERROR, reason=reason) for each in expectations)
     return Outcome(case, ERROR, reason, verdicts, None, 0.0)
@@ -223,5 +223,5 @@ def verdict_of(outcomes: Sequence[Outcome]) -> str:
 
 
 def subject_of(outcomes: Sequence[Outcome]) -> str:
-    """Return what these are outcomes of, as a word: recording or scenario."""
+    """Return the word for the judged items: "recording" or "scenario"."""
     return "recording" if any(each.case.recordings for each in outcomes) else "scenario"

@@ -1,4 +1,4 @@
-"""Picture of an expectation: what its condition and its trigger compare, the window, the margin."""
+"""Picture of an expectation: the signals that its condition and trigger compare, its window and its margin."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Names = Callable[[str], Mapping[float, str]]  # labels of the values of a column
 def expectation_svgs(
     expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, names: Names
 ) -> list[str]:
-    """Return pictures for a page: around the window, and around the margin where it is too small there."""
+    """Return SVG pictures of an expectation: of its window, and of its margin where the first is too coarse."""
     views = [trace_summary.view]
     if trace_summary.near is not None and _span(trace_summary.view) > _CLOSE * _span(trace_summary.near):
         views.append(trace_summary.near)
@@ -43,7 +43,7 @@ def expectation_svgs(
 
 
 def left_out(trace_summary: TraceSummary, names: Names) -> int:
-    """Return how many curves the picture has no room for."""
+    """Return the number of curves that the picture has no room for."""
     rest = _panels(trace_summary, trace_summary.view, names)[MOST_PANELS:]
     return trace_summary.left_out + sum(len(panel.lines) for panel in rest)
 
@@ -58,7 +58,7 @@ def _span(view: EnvelopeView) -> float:
 
 
 def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:
-    """Return the deciding instant [s], and its label; None: there is none."""
+    """Return the instant [s] that decided a verdict, and its label; None: there is none."""
     if verdict.time_s is None or not math.isfinite(verdict.time_s):
         return None
     if expectation.kind == "dtc":
@@ -71,7 +71,7 @@ def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | N
 
 
 def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> list[Panel]:
-    """Return the panels: one for each side compared, then those with the parts of calculated sides."""
+    """Return a picture's panels: one for each compared side, then panels of the operands of calculated sides."""
     curves = {each.side.text: each for each in view.curves}
     panels: dict[str, Panel] = {}
     drawn = set()
@@ -160,7 +160,7 @@ def _margin_on(
 
 
 def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float) -> slice:
-    """Return the bins of a margin at a time [s]: the smallest one of a stretch is somewhere in it."""
+    """Return the bins of a margin at a time [s]: all bins of the hold time, as the smallest margin is in one."""
     first, last = (
         int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
         for time in (time_s - expectation.hold, time_s)
@@ -169,7 +169,7 @@ def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float)
 
 
 def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
-    """Return how far from a value the nearest bin is, and which one that is."""
+    """Return the distance from a value to the nearest bin, and the index of that bin."""
     low, high = line.low[bins], line.high[bins]
     away = np.maximum(np.maximum(low - value, value - high), 0.0)
     if not np.isfinite(away).any():

@@ -56,7 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
-    """Return what this machine refuses to runs on the bus, which are in real time."""
+    """Return the header line with what this machine denies to real-time runs (FIFO scheduling, locked memory)."""
     if not config.getoption("liftgate_bus"):
         return None
     from liftgate_hil.loop.priority import in_one_line, refused_here
@@ -66,7 +66,7 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put all tests on the bus into one group of xdist, see `pytest_configure`."""
+    """Put all tests on the bus into one xdist group, see `pytest_configure`."""
     if not config.getoption("liftgate_bus") or not config.pluginmanager.hasplugin("xdist"):
         return
     for item in items:
@@ -86,7 +86,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class ScenarioCollector(pytest.File):
-    """A scenario file: run once, for the first of its expectations that is run."""
+    """A scenario file as a collector; it is run once, for the first of its expectations that is run."""
 
     _case: Case
     _outcome: Outcome | None = None
@@ -115,7 +115,7 @@ class ScenarioCollector(pytest.File):
 
 
 def node_names(names: Sequence[str]) -> list[str]:
-    """Return the names of expectations as parts of pytest's node ids, each unique.
+    """Return the names of expectations as unique parts of pytest's node ids.
 
     They are without `::`, which ends a part, and without brackets, which begin a parameter's; `--lf`, JUnit and
     the command line split an id by them.
@@ -149,7 +149,7 @@ class ExpectationItem(pytest.Item):
             self.user_properties.append(("expectation", expectation))
 
     def setup(self) -> None:
-        """Run the scenario; what cannot be judged is an error of the set-up."""
+        """Run the scenario; a verdict that is missing or inconclusive is an error of the set-up."""
         assert isinstance(self.parent, ScenarioCollector)
         from liftgate_hil.judging.verdict import line_of
         from liftgate_hil.testing.junit import properties_of
@@ -164,18 +164,18 @@ class ExpectationItem(pytest.Item):
             raise NoVerdictError(self._verdict)
 
     def runtest(self) -> None:
-        """Fail where the expectation has failed."""
+        """Fail the test if the expectation has failed."""
         if self._verdict.verdict != "pass":
             raise NotAsExpectedError(self._verdict)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> str | Any:
-        """Return a verdict's failure in words, without a traceback."""
+        """Return the reason of a failed or missing verdict in words, without a traceback."""
         if isinstance(excinfo.value, NoVerdictError | NotAsExpectedError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Return where the expectation is defined, and its name."""
+        """Return the file in which the expectation is defined, and its name."""
         return self.path, None, f"{self.path.name}: {self._expectation}"
 
 
@@ -196,14 +196,14 @@ class NoVerdictError(_VerdictError):
 
 
 def _allow_imports_from_root(config: pytest.Config) -> None:
-    """Let an ECU's module be imported from pytest's root folder, which comes last and so hides nothing."""
+    """Make an ECU's module importable from pytest's root folder, which comes last and so hides nothing."""
     folder = str(config.rootpath)
     if folder not in sys.path:
         sys.path.append(folder)
 
 
 def _template(config: pytest.Config) -> Job:
-    """Return the job that the options define for scenarios. Raises ConfigError."""
+    """Return the job for scenarios that pytest's options define. Raises ConfigError."""
     from liftgate_hil.plan.request import Job, RunRequest
 
     bus = config.getoption("liftgate_bus")
@@ -220,7 +220,7 @@ def _template(config: pytest.Config) -> Job:
 
 
 class Liftgate:
-    """Value of the fixture: gates, and runs whose recordings are kept where the test fails."""
+    """Value of the fixture `liftgate`: makes gates and runs; keeps the recordings of a failed test."""
 
     def __init__(self, config: pytest.Config, folder: Path) -> None:
         self._config = config
@@ -230,7 +230,7 @@ class Liftgate:
         self._results: list[Result] = []
 
     def gate(self, **arguments: Any) -> Gate:
-        """Return a `liftgate_hil.Gate`, which is closed with the test."""
+        """Return a `liftgate_hil.Gate`, which is closed at the end of the test."""
         from liftgate_hil.drive.gate import Gate
 
         made = Gate(**self._with_options(arguments, "vehicle", "rig"))
@@ -242,7 +242,7 @@ class Liftgate:
         return {name: value for name, value in options.items() if value is not None} | arguments
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
-        """Call `liftgate_hil.run`, with the options' ECU, bus, vehicle and rig where none is named."""
+        """Call `liftgate_hil.run`; ECU, bus, vehicle and rig default to pytest's options."""
         from liftgate_hil.drive.run import run
 
         arguments = self._with_options(arguments, "ecu", "bus", "vehicle", "rig")
@@ -261,7 +261,7 @@ class Liftgate:
         return result
 
     def report_sections(self) -> dict[str, str]:
-        """Return what a failed test's report shows: verdicts that are no pass, and where the recordings are."""
+        """Return a failed test's report sections: verdicts other than pass, and the paths of the recordings."""
         from liftgate_hil.errors import printable
         from liftgate_hil.judging.verdict import line_of
 
@@ -284,7 +284,7 @@ class Liftgate:
 
 
 def _end_before_our_frames(error: BaseException) -> None:
-    """End the traceback of an error of ours with the test's line, which tells more than this package's frames.
+    """End the traceback of a LiftgateError with the test's line, without the frames of this package.
 
     What it was raised from is shown only where the test's or the ECU's own code was part of that.
     """
@@ -312,7 +312,7 @@ def _frames_of(error: BaseException) -> list[TracebackType]:
 
 
 def _is_of_the_user(entry: TracebackType) -> bool:
-    """Whether a frame is neither of this package, nor of another one that is installed, nor of Python itself."""
+    """Whether a frame is of the user's code: not of this package, an installed one, or Python itself."""
     from liftgate_hil.errors import is_of_a_library
 
     path = Path(entry.tb_frame.f_code.co_filename)
@@ -330,7 +330,7 @@ def liftgate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
-    """Note that a test has failed, and report its recordings; a missing verdict is reported in words."""
+    """Note that a test has failed, and report its recordings; report a missing verdict in words."""
     has_fixture = "liftgate" in getattr(item, "fixturenames", ())
     sections: list[tuple[str, str]] = []
     if call.excinfo is not None and has_fixture:

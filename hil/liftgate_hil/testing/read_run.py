@@ -1,4 +1,4 @@
-"""Reading of one run's recordings for a judge: which are ours, which column is which."""
+"""Read one run's recordings for a judge: which files are of this emulator, which column is which quantity."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SHOWN = 20  # columns of a file that are named in an issue
 
 @dataclass(frozen=True)
 class Asked:
-    """Request of what to read."""
+    """Request of the columns, signals and frames to read from the recordings of a run."""
 
     columns: frozenset[str]  # of ours, that conditions refer to
     signals: tuple[str, ...]  # of the bus, that they refer to
@@ -91,7 +91,7 @@ Places = Mapping[str, tuple[RunFile | None, str]]  # by our columns: the file (N
 
 
 def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places:
-    """Return where each requested column is: as the map says, else in a table under our name."""
+    """Return the file and name of each requested column: as the map says, else a table's column of our name."""
     found: dict[str, tuple[RunFile | None, str]] = {}
     has_frames = any(each.has_frames for each in files)
     for ours, theirs in asked.mapping.items():
@@ -129,7 +129,7 @@ def _no_such(files: Sequence[RunFile], rig: Rig, ours: str, theirs: Theirs, has_
 
 
 def _messages(places: Places, files: Sequence[RunFile], asked: Asked) -> list[str]:
-    """Return the messages whose frames are needed."""
+    """Return the names of the messages whose frames are needed."""
     names = [name for file, name in places.values() if file is None]
     found = [name.partition(".")[0] for name in (*asked.signals, *names)]
     found += [wire.message for wire in _wires(places, files, asked)]
@@ -137,7 +137,7 @@ def _messages(places: Places, files: Sequence[RunFile], asked: Asked) -> list[st
 
 
 def _wires(places: Places, files: Sequence[RunFile], asked: Asked) -> list[Any]:
-    """Return the rig's outputs that stand for columns, where no table of ours was recorded."""
+    """Return the rig's outputs to decode in place of columns, where no table of this emulator was recorded."""
     if any(each.is_ours for each in files):
         return []
     wanted = asked.columns - {*places}
@@ -145,7 +145,7 @@ def _wires(places: Places, files: Sequence[RunFile], asked: Asked) -> list[Any]:
 
 
 def _frames(files: Iterable[RunFile]) -> Any:
-    """Return all frames, in the order of time."""
+    """Return the frames of all files, in the order of time."""
     parts = [no_logged()]
     for file in files:
         if file.log is None:
@@ -189,7 +189,7 @@ def _tracks(
 
 
 def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats]:
-    """Return times [µs] and values of `Message.Signal`."""
+    """Return times [µs] and values of the signal `Message.Signal` in frames."""
     decoder = Decoder([rig.messages[name.partition(".")[0]]])
     blocks = [np.empty((0, len(decoder.signals))), *decoder.rows([frames])]
     table = np.concatenate(blocks)
@@ -199,7 +199,7 @@ def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats
 
 
 def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, ColumnSamples]:
-    """Return columns as the rig decodes them, by the emulator's own codec."""
+    """Return columns decoded from frames by the rig's outputs, with the emulator's own codec."""
     if not wires or not len(frames):
         return {}
     own = replace(rig, outputs=tuple(wires))
@@ -219,7 +219,7 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
 
 
 def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap]:
-    """Yield a gap of signals where logs end long before the rows: a log that was cut off."""
+    """Yield a gap of the signals for each log that was cut off: it ends long before the rows do."""
     ends = [
         each.log.span[1] - 1e-6 * each.zero_us
         for each in files
@@ -231,7 +231,7 @@ def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap
 
 
 def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals from missing rows until their message comes again: frames may be missing there."""
+    """Yield gaps of signals, each extended to the next frame of their message: frames may be missing before it."""
     for gap in gaps:
         for name in asked.signals:
             own = frames["identifier"] & ~FD_FLAGS == asked.rig.identifier(name.partition(".")[0])
@@ -241,7 +241,7 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
 
 
 def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals where a log alone holds no frame at all for much longer than any message's cycle."""
+    """Yield gaps of signals where a single log holds no frame for much longer than any message's cycle."""
     if asked.may_be_silent or any(each.is_ours for each in files):
         return
     cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]
@@ -256,7 +256,7 @@ def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
 def _by_rows(
     table: RunFile, tracks: dict[str, ColumnSamples], frames: Any, has_frames: bool, notes: list[str]
 ) -> RecordedRun:
-    """Return the run with the rows of a recording of ours, as they are."""
+    """Return the run with the rows of a table of this emulator as they are, and gaps where rows are missing."""
     times = table.samples["time_s"][0]
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 1e-3
@@ -272,7 +272,7 @@ def _by_rows(
 
 
 def _thinned(table: RunFile, first: float, usual: float) -> str:
-    """Return how dense the rows of a recording of ours were where some were left out since; "": none were.
+    """Return the original rate, in words, of a table from which rows were removed later; "": none were.
 
     Its provenance states the rate. Without it, the first row shows it: it is a whole number of ticks after time 0.
     """
@@ -288,7 +288,7 @@ _OFF_RASTER = 0.01  # of a tick
 
 
 def _holes(times: Floats, tracks: Mapping[str, ColumnSamples]) -> Iterable[Gap]:
-    """Yield gaps where rows of ours have no value of a column: the emulator writes all, so it was removed."""
+    """Yield gaps where rows of this emulator lack a column's value: it writes all values, so one was removed."""
     for name in sorted({*tracks} - {*Bench._fields}):
         missing = np.flatnonzero(np.isnan(tracks[name].values))
         for stretch in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
@@ -305,7 +305,7 @@ def _by_raster(
     notes: list[str],
     asked: Asked,
 ) -> RecordedRun:
-    """Return the run in ticks of an even raster, from the first sample to the last one of all files."""
+    """Return the run resampled to an even raster, from the first sample to the last one of all files."""
     spans = [[round(1e6 * end) - each.zero_us for end in each.span] for each in files if each.span is not None]
     paths = ", ".join(str(each.path) for each in files)
     if not spans:

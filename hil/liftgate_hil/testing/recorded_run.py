@@ -1,4 +1,4 @@
-"""A run as it was recorded, for a judge: rows, frames, and gaps.
+"""A recorded run as a judge needs it: rows, frames, and gaps.
 
 A recording of ours has a row for each tick of the model; its rows are used as they are. Other recordings have
 columns or messages with times of their own: there the rows are ticks of an even raster, and in each of them a
@@ -28,20 +28,20 @@ _MOSTLY = 0.8  # share of the distances that are usual: a table of five messages
 
 
 class ColumnSamples(NamedTuple):
-    """Samples of a column."""
+    """Times and values of a column's samples."""
 
     times_us: Integers  # rising
     values: Floats  # in the column's unit
 
     def held(self, at_us: Integers) -> Floats:
-        """Return the last sample at each of these times [µs]; NaN before the first one."""
+        """Return the column's last sample at each of these times [µs]; NaN before the first sample."""
         if not len(self.times_us):
             return np.full(len(at_us), np.nan)
         place = np.searchsorted(self.times_us, at_us, side="right") - 1
         return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
 
     def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
-        """Yield where samples are further apart than `longest` [s] (None: than usual), or end before `end_us`."""
+        """Yield gaps: samples further apart than `longest` [s] (None: than usual), or an end before `end_us`."""
         if not len(self.times_us):
             return
         steps = np.diff(np.append(self.times_us, end_us))
@@ -66,7 +66,7 @@ class RecordedRun:
     notes: list[str] = field(default_factory=list)  # observations for the user
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
-        """Yield rows (n, ROW_WIDTH), NaN where nothing is known, with the frames up to the last of them."""
+        """Yield rows (n, ROW_WIDTH), NaN for unknown values, with the frames up to the last row."""
         rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0
@@ -81,12 +81,12 @@ class RecordedRun:
             seen = until
 
     def lacks(self, name: str) -> bool:
-        """Whether the recording has no samples of a column, or no bus that a signal could be on."""
+        """Whether the recording has no samples of a column, or no frames for a bus signal."""
         if name in COLUMN_PLACE:
             return name not in self.tracks and name != "time_s"
         return not self.has_frames
 
 
 def rounded_to_us(times: Floats) -> Integers:
-    """Return times (n,) [s], each as the nearest microsecond (n,) [µs]."""
+    """Return times (n,) [s] rounded to whole microseconds (n,) [µs]."""
     return np.round(times * 1e6).astype(np.int64)

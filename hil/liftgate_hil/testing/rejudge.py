@@ -1,4 +1,4 @@
-"""Judging again, from recordings: the same rows and frames through the same judge."""
+"""Judge recordings of a run offline: the same rows and frames through the same judge."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class StoppedJudgingError(Exception):
 
 @dataclass(frozen=True)
 class RecordingExpectations:
-    """Expectations that recordings are judged by, and how these are read."""
+    """Expectations by which recordings are judged, and how the recordings are read."""
 
     request: JudgeRequest
     setup: Setup
@@ -78,7 +78,7 @@ class RecordingExpectations:
 
     @property
     def asked(self) -> Asked:
-        """Request of what to read from recordings."""
+        """Request of the columns and signals to read from recordings."""
         columns = {name for each in self.expected.conditions for name in each.names(COLUMN)}
         if self.expected.precondition_end is not None:
             columns.add("gate_angle_deg")  # shows whether the precondition was completed
@@ -95,14 +95,14 @@ class RecordingExpectations:
 
     @property
     def resets(self) -> Diagnostics | None:
-        """Diagnostics by which the bench resets the ECU over UDS; None: it does not."""
+        """Diagnostics by which the bench resets the ECU over UDS; None: it does not reset it over UDS."""
         reset = self.rig.driver.reset
         return self.rig.diagnostics if reset is not None and reset.way == "uds" else None
 
 
 @dataclass(frozen=True)
 class JudgedRecording:
-    """Verdicts of the expectations, and what their pictures are made of."""
+    """Verdicts of a recorded run's expectations, with the data for their pictures."""
 
     verdicts: dict[str, Verdict]
     trace_summaries: Mapping[str, TraceSummary]
@@ -113,7 +113,7 @@ class JudgedRecording:
 
 
 def expectations_of(request: JudgeRequest) -> RecordingExpectations:
-    """Return what a request's scenario expects, and how its recordings are read. Raises ConfigError."""
+    """Return the expectations of a request's scenario, and how recordings are read. Raises ConfigError."""
     mapping = parse_maps(request.maps, COLUMNS)
     how = read_options(request.recording_channel, request.timezone)
     setup = _setup_of(request, request.parameters)
@@ -133,7 +133,7 @@ def _expected_in(setup: Setup, rig: Rig) -> Expected:
 
 
 def as_recorded(paths: Sequence[Path], about: RecordingExpectations) -> tuple[RecordingExpectations, list[str]]:
-    """Return the expectations with what the recordings of a run say of it, and notes on what differs.
+    """Return the expectations with vehicle, rig and parameters as recorded, and notes on the differences.
 
     What was given comes first, then the vehicle, the rig and the parameters that the provenance states, then the
     scenario's. Raises ConfigError.
@@ -226,7 +226,7 @@ def judged(
 
 
 def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Judge) -> StepsAgain | None:
-    """Return what steps the gate of a recorded run again; None where the recording does not hold enough for it."""
+    """Return the function that simulates a recorded run again; None: the recording does not hold enough for it."""
     setup, rig = about.setup, about.rig
     if setup.scenario.precondition or not rig.inputs or about.mapping:
         return None
@@ -253,7 +253,7 @@ def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Jud
 
 
 def _not_made(about: RecordingExpectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
-    """Return what the run, to its `end` [s], could not apply, as far as its frames show it; "": nothing."""
+    """Return why the run up to its `end` [s] did not apply all resets and stimuli, or may not have; "": it did."""
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
     is_asked = about.asked.may_be_silent or any(each.action == "reset" for each in about.setup.scenario.requests)
     is_ours = not run.lacks("ticks_missed")
@@ -267,7 +267,7 @@ def _not_made(about: RecordingExpectations, run: RecordedRun, watch: ResetWatch 
 
 
 def _lacking(about: RecordingExpectations, run: RecordedRun, last: float) -> Iterator[Gap]:
-    """Yield gaps of what stimuli wait for, and the run, to `last` [s], has nothing of."""
+    """Yield gaps from 0 to `last` [s] for columns and signals that stimuli wait for, but that are not recorded."""
     expected = about.expected
     for place in range(len(expected.expectations) - expected.awaited, len(expected.expectations)):
         lacking = frozenset(name for name in expected.names(place) if run.lacks(name))
@@ -282,7 +282,7 @@ def _holds_nothing(path: Path) -> bool:
 
 
 def _explained(verdict: Verdict, run: RecordedRun, names: Sequence[str]) -> Verdict:
-    """Return an inconclusive verdict with what the recording lacks as its reason; others as they are."""
+    """Return an inconclusive verdict with the missing columns and signals as its reason; others unchanged."""
     lacking = [name for name in names if run.lacks(name)]
     if verdict.verdict != INCONCLUSIVE or not lacking:
         return verdict
@@ -290,7 +290,7 @@ def _explained(verdict: Verdict, run: RecordedRun, names: Sequence[str]) -> Verd
 
 
 def _rig_of(rig: str | Path | Rig | None, scenario: Scenario) -> Rig:
-    """Return the rig as `rig_of` does, or one made of a database alone. Raises ConfigError."""
+    """Return the rig as `rig_of` does, or one made from a database alone. Raises ConfigError."""
     if not isinstance(rig, str | Path) or not is_database(rig):
         return rig_of(rig, scenario)
     issues = ConfigIssues(f"`rig` {rig}")

@@ -1,4 +1,4 @@
-"""Files of the reports on a suite: which ones are asked for, what stands in their way, and their writing."""
+"""Report files of a suite: find the requested ones, check that they can be written, write them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def targets_of(choice: ReportsChoice, words: Callable[[str], str] = str, say: Sa
 
 
 def _issue_with(kind: str, given: str) -> str:
-    """Return why a report of a kind cannot be written to a file, "-": stdout; "": it can."""
+    """Return why a report of a kind cannot be written to a file ("-": stdout); "": it can."""
     if given == "-":
         if kind == "html":
             return "`html` -: allowed: a file"
@@ -74,7 +74,7 @@ def _issue_with(kind: str, given: str) -> str:
 
 
 def refuse_inputs(targets: Targets, inputs: Iterable[str | Path]) -> None:
-    """Take away the targets that are files to be read, and raise ConfigError with them, if there are any."""
+    """Remove input files from the report targets, and raise ConfigError that names them, if there are any."""
     known, issues = [Path(each) for each in inputs], []
     for kind, paths in targets.items():
         for given in [each for each in paths if each != "-" and is_one_of(Path(each), known)]:
@@ -86,7 +86,7 @@ def refuse_inputs(targets: Targets, inputs: Iterable[str | Path]) -> None:
 
 @contextlib.contextmanager
 def reporting_issues(targets: Targets, words: Callable[[str], str] = str, say: Say = silent) -> Iterator[None]:
-    """Context that writes a ConfigError into the JUnit files: earlier, green ones would be taken for its result.
+    """Context that writes a ConfigError into the JUnit files: else earlier, green ones would pass for its result.
 
     `words` puts the arguments that they name as their reader knows them. Earlier files of the other kinds are
     removed; what is no file, such as /dev/null, stays. What is not ours in
@@ -102,7 +102,7 @@ def reporting_issues(targets: Targets, words: Callable[[str], str] = str, say: S
 
 
 def remove_earlier(targets: Targets) -> None:
-    """Remove earlier reports of ours: a run that is killed would leave them as its own. All else stays.
+    """Remove this program's earlier reports at the targets: a killed run would leave them as its own.
 
     What killed processes have left beside them is removed, too.
     """
@@ -114,7 +114,7 @@ def remove_earlier(targets: Targets) -> None:
 
 
 def clear_the_way(targets: Targets, say: Say) -> None:
-    """Remove earlier reports of ours, and set aside other content of their places, which `say` is told.
+    """Remove this program's earlier reports, and set aside other files at the targets, reported to `say`.
 
     Raises ConfigError.
     """
@@ -133,7 +133,7 @@ def write_all(
     put: Callable[[str], None] = print,
     say: Say = silent,
 ) -> None:
-    """Write the contents by their kinds, each into all files of its kind, or (-) by `put`.
+    """Write the reports by kind, each into all files of its kind, or for "-" by `put`.
 
     Raises ConfigError with all files that could not be written, after the others have been.
     """

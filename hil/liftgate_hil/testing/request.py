@@ -30,7 +30,7 @@ from liftgate_hil.plan.request import AskForRealtime, Clock, Cpu, Rate, WallTime
 
 # fmt: off
 class JudgedFiles(Record, kw_only=False):
-    """Base of the request to judge: recordings, and what they are judged by."""
+    """Base class of JudgeRequest: the recordings, and the scenario and rig to judge them by."""
 
     recordings: Annotated[str | Path | Sequence[str | Path], Field(Paths(), "recordings of one run, or of "
         f"several: tables {' '.join(WITH_ROWS)}, bus logs {' '.join(WITH_FRAMES)}", metavar="RECORDING")]
@@ -58,7 +58,7 @@ class JudgeRequest(JudgedFiles, ParametersChoice, MapRequest):
 
 
 class ReportsChoice(Record):
-    """Base of the requests that report verdicts: the files of the reports."""
+    """Base class of the requests that report verdicts: the report files."""
 
     json: Annotated[str | Path | None, Field(File(), "write the verdicts as JSON; -: to stdout",
         metavar="FILE")] = None
@@ -70,7 +70,7 @@ class ReportsChoice(Record):
 
 
 class SuiteFiles(Record, kw_only=False):
-    """Base of the request to test: what is run, and against what."""
+    """Base class of SuiteRequest: the scenarios to run, and the ECU to test."""
 
     paths: Annotated[str | Path | Sequence[str | Path], Field(Paths(), "scenario files, or folders of them; "
         "shipped: pack, pack/crank_dip", metavar="PATH")]

@@ -1,4 +1,4 @@
-"""Files of a run's recordings: which are ours, their columns by their names there, frames, and their clocks."""
+"""Files of a run's recordings: whether this emulator wrote them, their columns, frames and clocks."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class RunFile:
 
     @property
     def wall_us(self) -> int | None:
-        """Wall clock at the file's time 0 [µs since 1970]; None: it states none."""
+        """Wall clock at the file's time 0 [µs since 1970]; None: the file does not state it."""
         source = self.log or self.table
         start_ns = self.start_ns or (source.start_ns if source is not None else 0)
         if start_ns:
@@ -58,7 +58,7 @@ class RunFile:
 
     @property
     def is_absolute(self) -> bool:
-        """Whether the times themselves are by the wall clock, so that they begin nowhere of their own."""
+        """Whether the file's timestamps are wall-clock times, with no time 0 of the run."""
         is_candump = self.path.suffix.lower() == ".log"  # whose text does not state when it began
         return self.wall_us is not None and (is_candump or self.wall_us == 0)
 
@@ -71,12 +71,12 @@ class RunFile:
 
     @property
     def notes(self) -> list[str]:
-        """Remarks on what was noticed in the file, which they name."""
+        """Remarks of the readers on this file, each preceded by its path."""
         own = () if self.table is None else self.table.notes
         return [f"{self.path}: {note}" for note in (*own, *(() if self.log is None else self.log.notes))]
 
     def read(self, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
-        """Read these columns, by the file's own names, with their times; issues are added to `issues`."""
+        """Read columns, by their names in the file, with their times; issues are appended to `issues`."""
         if self.table is None:
             return
         if self.is_ours:
@@ -95,7 +95,7 @@ class RunFile:
         self.samples["time_s"] = times, times, ""
 
     def _is_sound(self, times: Floats, issues: list[str]) -> bool:
-        """Whether the times of the rows are sound; then they are the file's span."""
+        """Whether the rows' times are valid; if so, they become the file's span."""
         text = "no rows; allowed: one or more"
         if len(times):
             text = _far_issue(times, "row") or time_issue(times, "row")
@@ -138,7 +138,7 @@ class RunFile:
 
 
 def opened(path: Path, how: ReadOptions) -> RunFile:
-    """Open a file, ours or not; its frames are read later. Raises ConfigError."""
+    """Open a recording of this emulator or another tool; its frames are read later. Raises ConfigError."""
     check_file(path)
     if path.suffix.lower() in BUS_LOGS:
         return RunFile(path, has_frames=True)
@@ -151,7 +151,7 @@ def opened(path: Path, how: ReadOptions) -> RunFile:
 
 
 def _any_of(file: Recording) -> Mapping[str, FileColumn]:
-    """Return the first column that can be read, for a file of which none is requested: its length counts."""
+    """Return the first readable column, for a file of which no column is requested: its length is needed."""
     for name in file.names:
         if name != FRAME and (series := file.read([name], [])):
             return series
@@ -159,7 +159,7 @@ def _any_of(file: Recording) -> Mapping[str, FileColumn]:
 
 
 def _far_issue(times: Floats, word: str) -> str:
-    """Return which time is none of a run or of a wall clock, and what unit it may have; "": none."""
+    """Return the issue of a time too large for a run or a wall clock, with its likely unit; "": none."""
     far = np.flatnonzero(np.abs(times) > _FARTHEST_S)
     if len(far):
         unit = next((unit for unit, factor in _PARTS if _IN_USE[0] < factor * times[far[0]] < _IN_USE[1]), "")
@@ -169,7 +169,7 @@ def _far_issue(times: Floats, word: str) -> str:
 
 
 def set_clocks(files: Sequence[RunFile], origin: float | None) -> None:
-    """Set where each file's times begin, so that all count from the same moment. Raises ConfigError.
+    """Set the time 0 of each file, so that all count from the same instant. Raises ConfigError.
 
     Files by the wall clock are brought together by it, where all have one. A log whose header states it counts
     from its own beginning where others have none. Files of other tools begin with their first sample, or at
@@ -216,7 +216,7 @@ def set_clocks(files: Sequence[RunFile], origin: float | None) -> None:
 
 
 def _check_hours(files: Sequence[RunFile]) -> None:
-    """Raise ConfigError if two files of a run are whole hours apart: one header states another zone's time."""
+    """Raise ConfigError if two files of a run are whole hours apart: a header has another time zone."""
     spans = [(each, each.span, 1e-6 * each.zero_us) for each in files if each.span is not None]
     ends = [(each, span[0] - zero, span[1] - zero) for each, span, zero in spans]
     for (one, low, high), (other, begin, end) in combinations(ends, 2):
@@ -231,7 +231,7 @@ def _check_hours(files: Sequence[RunFile]) -> None:
 
 
 def notes_on_begin(file: RunFile) -> Iterable[str]:
-    """Yield notes on where a run begins in a file of another tool."""
+    """Yield notes on the time 0 of a run in a file of another tool."""
     if file.is_ours or file.span is None:
         return
     first, zero = file.span[0], 1e-6 * file.zero_us

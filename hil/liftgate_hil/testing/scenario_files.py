@@ -1,4 +1,4 @@
-"""Files of scenarios: which ones paths and folders stand for, and whether a TOML file is one."""
+"""Scenario files: which ones paths and folders stand for, and whether a TOML file is a scenario."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
 
 
 def unreadable_files(paths: Sequence[str]) -> list[str]:
-    """Return why TOML files in these folders are none, each with its path; scenarios among them are refused."""
+    """Return why TOML files in these folders cannot be read as scenarios, each reason with its path."""
     found: list[str] = []
     for folder in filter(Path.is_dir, map(Path, paths)):
         for path in sorted(folder.rglob("*.toml")):
@@ -66,7 +66,7 @@ def unreadable_files(paths: Sequence[str]) -> list[str]:
 
 
 def _is_test(path: Path) -> bool:
-    """Whether a file is named as a test, as pytest's are."""
+    """Whether a file has a name by which pytest recognizes tests."""
     return path.name.startswith("test_")
 
 
@@ -107,7 +107,7 @@ def is_scenario(path: Path) -> bool:
 
 
 def _is_scenario(path: Path, seen: set[Path]) -> bool:
-    """Whether a TOML file is a scenario; `seen` are the files that were looked at, and it becomes one of them."""
+    """Whether a TOML file is a scenario; `seen` are the files checked so far, to which it is added."""
     try:
         content = read_toml(path)
     except ConfigError:

@@ -28,12 +28,12 @@ _STEPPED_AGAIN = (
 
 
 def badge(verdict: str) -> Markup:
-    """Return a verdict as a label that stands out."""
+    """Return a verdict as a highlighted label in HTML."""
     return Markup(f'<span class="v {text(verdict)}">{text(verdict)}</span>')
 
 
 def value_names(rig: Rig) -> Names:
-    """Return a function that returns the labels of the values of a column or a bus signal."""
+    """Return the function that gives the value labels of a column or a bus signal."""
 
     def found(name: str) -> Mapping[float, str]:
         if name in COLUMNS:
@@ -49,7 +49,7 @@ def value_names(rig: Rig) -> Names:
 
 
 def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSummary, left_out: int) -> str:
-    """Return pictures, around the window and around the margin, with their captions."""
+    """Return the HTML of an expectation's pictures, around window and margin, with their captions."""
     found = []
     for drawing, view in zip(drawings, (trace_summary.view, trace_summary.near), strict=False):
         notes = []
@@ -67,7 +67,7 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSu
 
 
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
-    """Return the section of a scenario; `figures` are those of expectations, by file and name."""
+    """Return the HTML section of a scenario; `figures` are its expectations' pictures, by file and name."""
     scenario = outcome.case.plan.setup.scenario
     expectations = [each.with_numbers(scenario.parameters) for each in scenario.expectations]
     result = outcome.result
@@ -171,7 +171,7 @@ def _margin(verdict: Verdict, hold: float) -> str:
 
 
 def mutants_section(mutation: MutationResult) -> str:
-    """Return the section: the mutants of the reference ECU that survive, then all others."""
+    """Return the HTML section on mutation testing: the surviving mutants, then all others."""
     parts = [f"<p><b>{text(mutation.reason)}.</b></p>"] if mutation.reason else []
     matrix = mutation.matrix
     if matrix is None:
@@ -217,7 +217,7 @@ def mutants_section(mutation: MutationResult) -> str:
 
 
 def limits_section(outcomes: Sequence[Outcome]) -> str:
-    """Return the report's section on limits of pinch forces; empty where there are none."""
+    """Return the HTML section on limits of pinch forces; empty where there are none."""
     users: dict[float, list[str]] = {}
     for outcome in outcomes:
         plan = outcome.case.plan

@@ -1,4 +1,4 @@
-"""Suite of scenario files: their cases, and the outcome of each, several run at a time."""
+"""Suite of scenario files: makes their cases and runs them, several at a time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
 
 
 def _label(path: Path) -> str:
-    """Return a path from the working folder, or as it is where `..` after a symbolic link would lead elsewhere."""
+    """Return a path relative to the working folder; unchanged where `..` after a symbolic link leads elsewhere."""
     found = os.path.relpath(path)
     return found if os.path.realpath(found) == os.path.realpath(path) else str(path)
 
@@ -60,7 +60,7 @@ def _label(path: Path) -> str:
 def _parameters_of(
     files: Sequence[Path], given: Mapping[str, float]
 ) -> tuple[list[Mapping[str, float]], list[str]]:
-    """Return the parameters that each file gets of those `given`, and the issues: which of them no file has."""
+    """Return the `given` parameters that each file has, and the issues: parameters that no file has."""
     if len(files) == 1 or not given:
         return [given] * len(files), []
     found: list[Mapping[str, float]] = []
@@ -117,7 +117,7 @@ def run_until_decided(case: Case, retries: int, stopped: Callable[[], bool] = la
 
 
 def attempt_stem(stem: str, number: int) -> str:
-    """Return the name, without suffix, of the recordings of an attempt that is followed by another one."""
+    """Return the name, without suffix, of the recordings of an attempt that is repeated."""
     return f"{stem}-attempt-{number}"
 
 
@@ -149,7 +149,7 @@ def run_suite(
     began: Callable[[Case], None] = lambda case: None,
     retries: int = 0,
 ) -> Iterator[Outcome]:
-    """Run the cases, and yield their outcomes as they end.
+    """Run the cases, and yield each outcome when its case ends.
 
     On the free clock, `jobs` of them run at a time, as the loop holds no interpreter lock. After a stop, cases
     that have not begun are errors. `began` is called with each case that begins, from several threads. An
@@ -176,5 +176,5 @@ def run_suite(
 
 
 def is_alone(template: Job) -> bool:
-    """Whether a template's scenarios cannot run beside each other: on one bus, or not on the free clock."""
+    """Whether a template's scenarios must run one at a time: on a bus, or not on the free clock."""
     return template.request.ecu == ON_A_BUS or template.wire is not None or template.request.clock != "free"

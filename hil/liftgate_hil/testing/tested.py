@@ -1,4 +1,4 @@
-"""Suite of scenario files as tests, or of recordings: run, judged and reported; its result, with provenance."""
+"""Run and judge a suite of scenario files, or judge recordings; report it, with provenance."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SuiteResult(DescribedResult):
     @property
     def verdict(self) -> Annotated[str, Shown("the worst of all scenarios and of `mutation`: `pass`, "
         "`inconclusive`, `fail` or `error`")]:
-        """The worst of all scenarios and of the mutation testing."""
+        """Worst verdict of all scenarios and of the mutation testing."""
         tested = [] if self.mutation is None else [self.mutation.verdict]
         return worst([verdict_of(self.scenarios), *tested])
 
@@ -65,37 +65,37 @@ class SuiteResult(DescribedResult):
 
     # fmt: on
     def to_json(self, indent: int | None = 2) -> str:
-        """Return the JSON of `test` and `judge`, with an indent."""
+        """Return the JSON that `test` and `judge` print, with an indent."""
         return json.dumps(self.to_dict(), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
 class SuiteListener:
-    """Listener of a suite: it hears of each scenario, and may stop the suite. This one ignores all of it."""
+    """Listener of a suite: is notified of each scenario, and may stop the suite. This base class does nothing."""
 
     runs = Listener()  # of each run
 
     def say(self, text: str) -> None:
-        """Called with what becomes of files, and which are left out."""
+        """Called with a message on report files and files that are left out."""
 
     def words(self, text: str) -> str:
-        """Return an issue with the arguments that it names as their reader knows them."""
+        """Return an issue with its argument names as the user knows them; here unchanged."""
         return text
 
     def stopped(self) -> bool:
-        """Whether to end early."""
+        """Whether the suite shall end early."""
         return False
 
     def prepared(self, cases: Sequence[Case]) -> None:
         """Called with the cases, before the first one begins."""
 
     def began(self, case: Case) -> None:
-        """Called with each case that begins, from several threads."""
+        """Called with each case when it begins, from several threads."""
 
     def ended(self, outcome: Outcome) -> None:
-        """Called with each outcome."""
+        """Called with the outcome of each case when it ends."""
 
     def mutated(self, done: int, count: int) -> None:
-        """Called with how many runs with mutants are done."""
+        """Called with the number of runs with mutants that are `done`, of `count`."""
 
     def phase(self, name: str) -> contextlib.AbstractContextManager[object]:
         """Return the context of a phase: "scenarios", "mutants", "judge", "report"."""
@@ -118,7 +118,7 @@ def test(request: SuiteRequest) -> SuiteResult:
 
 
 def report_on(request: SuiteRequest, listener: SuiteListener | None = None, command_line: str = "") -> SuiteResult:
-    """Return the result of a suite, which the listener hears of; its reports are written.
+    """Run and judge a suite, write its reports, and return its result; the `listener` is kept informed.
 
     What is wrong with the request is written into the JUnit files, too. Raises ConfigError.
     """
@@ -165,7 +165,7 @@ def judge_on(
     listener: SuiteListener | None = None,
     command_line: str = "",
 ) -> SuiteResult:
-    """Return the result of recordings, judged again run by run; the reports are written.
+    """Judge recordings run by run, write the reports, and return the result.
 
     `is_one_run`: all files belong to one run, whatever their names. What is wrong with the request is written into
     the JUnit files, too. Raises ConfigError.
@@ -204,12 +204,12 @@ def write_reports(targets: Targets, result: SuiteResult, report: SuiteReport, he
 
 
 def _names_in(request: SuiteRequest) -> list[str]:
-    """Return the paths of a request as texts."""
+    """Return the scenario paths of a request as texts."""
     return list(map(str, listed(request.paths)))
 
 
 def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Case]:
-    """Return the cases of a request, with recordings. Raises ConfigError, also for a target that is read."""
+    """Return the cases of a request, with recordings. Raises ConfigError, also for a report over an input file."""
     names = _names_in(request)
     files = (request.vehicle, request.rig, request.ecu)
     refuse_inputs(targets, [*names, *(each for each in files if isinstance(each, str | Path))])
@@ -223,7 +223,7 @@ def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Ca
 
 
 def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
-    """Return the cases, each with recordings of its own, also of attempts, in a folder. Raises ConfigError."""
+    """Return cases with recordings of their own in a folder, for each attempt. Raises ConfigError."""
     kept: list[Case] = []
     names: set[str] = set()
     issues: list[str] = []
@@ -251,7 +251,7 @@ def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequen
 
 
 def without_recordings(outcome: Outcome) -> Outcome:
-    """Return an outcome whose recordings are deleted if it passes."""
+    """Return the outcome; if it passes, delete its recordings, and name none."""
     if outcome.verdict != PASS:
         return outcome
     return replace(_deleted(outcome), attempts=tuple(map(_deleted, outcome.attempts)))

@@ -1,4 +1,4 @@
-"""A scenario in words: what happens, and what is expected."""
+"""Description of a scenario in words: its stimuli, and the windows of its expectations."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end
 
 
 def window_words(expectation: Expectation, window: tuple[float, float] | None) -> str:
-    """Return in words what opens the window, how long it is, and from when to when it was open."""
+    """Return in words the opening condition of the window, its length, and when it was open."""
     after = expectation.after
     opener = f"once {after}" if isinstance(after, str) else f"from {after:g} s"
     length = f"within {expectation.within:g} s" if math.isfinite(expectation.within) else "to the end"

@@ -1,1 +1,1 @@
-"""The terminal: results on stdout; on stderr messages, and below them pictures of progress."""
+"""Output on the terminal: results on stdout; messages on stderr, and below them the display of progress."""

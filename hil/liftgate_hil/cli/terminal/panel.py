@@ -1,4 +1,4 @@
-"""The panel that says on the terminal where a run is: time, gate, motors, command and frames."""
+"""Live panel on the terminal with the status of a run: time, gate, motors, command and frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WARNING, _NAME = "bold yellow", "dim"
 
 
 class PanelView(NamedTuple):
-    """How a run is seen in a panel."""
+    """Settings of the panel: angle of the open gate, duration, number of drives, delay before it appears."""
 
     open_deg: float = 90.0  # angle of the open gate
     duration_s: float | None = None  # None: until stopped
@@ -25,7 +25,7 @@ class PanelView(NamedTuple):
 
 
 def panel_of(status: RunStatus, view: PanelView, width: int) -> RenderableType:
-    """Return the panel of a status, in so many columns."""
+    """Return the panel of a run's status, for a terminal of `width` columns."""
     from rich.console import Group
 
     left, right, age_s = status.left_current_a, status.right_current_a, status.command_age_s
@@ -42,7 +42,7 @@ def panel_of(status: RunStatus, view: PanelView, width: int) -> RenderableType:
 
 
 def _bars(status: RunStatus, view: PanelView, is_roomy: bool) -> RenderableType:
-    """Return the lines of time and gate, each with its bar."""
+    """Return the panel's lines of time and gate angle, each with its bar."""
     from rich.progress_bar import ProgressBar
     from rich.table import Table
 
@@ -69,7 +69,7 @@ def _bars(status: RunStatus, view: PanelView, is_roomy: bool) -> RenderableType:
 
 
 def _line(name: str | None, parts: list[tuple[str, str]]) -> Text:
-    """Return a line of parts, each a text and its style; without a name it begins on the left."""
+    """Return a panel line of parts (text, style); without a name the parts begin at the left edge."""
     from rich.text import Text
 
     line = Text(no_wrap=True, overflow="ellipsis")
@@ -80,7 +80,7 @@ def _line(name: str | None, parts: list[tuple[str, str]]) -> Text:
 
 
 def _wrong(status: RunStatus) -> list[tuple[str, str]]:
-    """Return the counts of what goes wrong, those that are not zero, and their style."""
+    """Return the panel's error counts that are not zero, each with its style."""
     counts = (
         ("overruns", status.overruns),
         ("not sent", status.unsent),

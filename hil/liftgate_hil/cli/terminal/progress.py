@@ -1,4 +1,4 @@
-"""Progress of anything that takes a while, on the terminal: what it is, how far, how long it still takes."""
+"""Display of a task's progress on the terminal: its name, how much is done, and the remaining time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ProgressDisplay:
     def update(
         self, done: float = 0.0, total: float | None = None, text: str = "", what: str = "", before: float = 0.0
     ) -> None:
-        """Note how far it is: `done` of `total`, `text` on a line of its own, and `what` it is by now.
+        """Set the progress: `done` of `total`, `text` on a line of its own, and `what` as the task's new name.
 
         `before` is what of `done` had been done when it began.
         """
@@ -64,12 +64,12 @@ class ProgressDisplay:
         self.draw()
 
     def lasts(self, seconds: float, what: str) -> None:
-        """Note that `what` begins now and takes so many seconds."""
+        """Begin a task named `what` with an expected duration of `seconds`."""
         self._what, self._text, self._known = what, "", (self._clock(), seconds)
         self.draw()
 
     def draw(self) -> None:
-        """Draw it, if it is time to."""
+        """Draw the display, if the time for the next update has come."""
         now = self._clock()
         if not self._screen.is_there:
             self._say_plainly(now)
@@ -92,7 +92,7 @@ class ProgressDisplay:
         self._plain(f"{self._what}: {', '.join(filter(None, parts))}")
 
     def close(self) -> None:
-        """Take it away."""
+        """Remove the display."""
         with self._screen.lock:
             self._has_ended.set()
             self._screen.take(self)
@@ -134,7 +134,7 @@ class ProgressDisplay:
         return Group(line, Text(self._text, no_wrap=True, overflow="ellipsis")) if self._text else line
 
     def _extent(self) -> tuple[float, float, float, float]:
-        """Return how long it has taken [s], how much is done, of how much, and how much of it was done before."""
+        """Return the elapsed time [s], the work done, the total work, and the work done before the start."""
         now = self._clock()
         if self._known is not None:
             began, length = self._known
@@ -143,7 +143,7 @@ class ProgressDisplay:
 
 
 def duration_of(seconds: float) -> str:
-    """Return a duration in words."""
+    """Return a duration [s] as text."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"

@@ -1,4 +1,4 @@
-"""Lines at the bottom of the terminal that are drawn anew while messages scroll above them."""
+"""Live display at the bottom of the terminal, with messages that scroll above it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DUMB = ("", "dumb", "unknown")  # terminals on which the cursor cannot be moved
 
 
 class Screen:
-    """Pictures at the bottom of the terminal on stderr, and messages above; the picture shown last is seen.
+    """Live pictures at the bottom of the terminal on stderr, and messages above; only the latest picture is seen.
 
     The cursor rests on an empty line above the picture. What others write there, such as an echoed Ctrl-C or a
     line of another process, does not mix with the picture, and the next drawing begins below it. A terminal that
@@ -49,7 +49,7 @@ class Screen:
         return bool(is_able and stream is not None and stream.isatty())
 
     def prepare(self) -> None:
-        """Import what drawing needs, which takes a while, if there is anything to draw on."""
+        """Import the modules needed for drawing, which takes a while, if a picture can be drawn."""
         if self._console is None and self.is_there:
             from rich.console import Console
 
@@ -58,7 +58,7 @@ class Screen:
             self._console = Console(file=file, force_terminal=True, markup=False, highlight=False)
 
     def show(self, owner: object, picture: Picture) -> None:
-        """Show the picture of `owner` from now on, and draw the one that was shown last."""
+        """Add or replace the picture of `owner`, and draw the picture that was added last."""
         if not self.is_there:
             return
         self.prepare()
@@ -67,7 +67,7 @@ class Screen:
             self._write(self._drawn())
 
     def take(self, owner: object) -> None:
-        """Take the picture of `owner` away, for what is printed next; one that was shown before is seen again."""
+        """Remove the picture of `owner`, and draw the picture that was added before it, if any."""
         with self.lock:
             if self._pictures.pop(owner, None) is not None or self._is_dirty:
                 self._write(self._drawn())
@@ -83,7 +83,7 @@ class Screen:
 
     @contextlib.contextmanager
     def aside(self) -> Iterator[None]:
-        """Context for printing in another way: the picture is away, and no other thread draws it meanwhile."""
+        """Context for printing by other means: the picture is removed, and no other thread draws meanwhile."""
         with self.lock:
             if self._is_dirty:
                 self._write(_ERASE)
@@ -94,11 +94,11 @@ class Screen:
                 self._write(self._drawn())
 
     def lend(self) -> None:
-        """Note that a screen of another process may draw here; it may end without taking its picture away."""
+        """Note that a child process may draw its own picture here, and may end without removing it."""
         self._is_dirty = True
 
     def _drawn(self, is_erased: bool = False) -> str:
-        """Return what erases the last picture and draws the present one; the cursor ends on the line above it."""
+        """Return the text that erases the last picture and draws the present one; the cursor ends above it."""
         erasing = "" if is_erased or not self._is_dirty else _ERASE
         columns, rows = _size()
         lines = self._lines(min(columns - 1, _WIDEST))[: max(rows - 2, 0)]  # a wrapped line cannot be counted
@@ -108,7 +108,7 @@ class Screen:
         return "".join([erasing or "\r", *(f"\n{line}" for line in lines), f"\x1b[{len(lines)}A\r"])
 
     def _lines(self, width: int) -> list[str]:
-        """Return the lines of the picture that was shown last, with escape sequences for their styles."""
+        """Return the lines of the picture that was added last, with escape sequences for their styles."""
         if not self._pictures or self._console is None or width < 1:
             return []
         picture = next(reversed(self._pictures.values()))
@@ -117,7 +117,7 @@ class Screen:
         return capture.get().splitlines()
 
     def _write(self, text: str) -> None:
-        """Write to the terminal; where it is gone, the program goes on without."""
+        """Write to the terminal; if it no longer exists, the program continues without it."""
         if not text or not self.is_there:
             return
         try:
@@ -128,7 +128,7 @@ class Screen:
 
 
 def _size() -> os.terminal_size:
-    """Return columns and rows of the terminal."""
+    """Return the number of columns and rows of the terminal."""
     with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or None
         size = os.get_terminal_size(sys.stderr.fileno())
         return os.terminal_size(each or usual for each, usual in zip(size, _USUAL, strict=True))

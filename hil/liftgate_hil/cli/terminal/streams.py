@@ -1,4 +1,4 @@
-"""stdout and stderr as whoever started us left them: closed, full, gone, or of an encoding without our letters."""
+"""Use stdout and stderr in any state: closed, full, a broken pipe, or with an encoding without some characters."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from liftgate_hil.errors import ConfigError
 
 
 def prepare() -> None:
-    """Set stdout and stderr to escape characters that their encoding does not have."""
+    """Set stdout and stderr to escape characters that their encoding lacks."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def hold_descriptors() -> None:
-    """Open /dev/null where stdin, stdout or stderr is closed: another file would get its number."""
+    """Open /dev/null where stdin, stdout or stderr is closed: else the next file would get its descriptor."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -29,7 +29,7 @@ def hold_descriptors() -> None:
 
 
 def written() -> str:
-    """Flush stdout; return the reason where that fails, else ""."""
+    """Flush stdout; return the reason if that fails, else ""."""
     stdout: Any = sys.stdout  # None where it is closed
     try:
         if stdout is not None:
@@ -41,7 +41,7 @@ def written() -> str:
 
 
 def abandon(stream: Any) -> None:
-    """Redirect a stream that nobody reads to /dev/null, since Python would report its flush at exit as failed."""
+    """Redirect a stream without a reader to /dev/null: else Python would report its failed flush at exit."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -49,7 +49,7 @@ def abandon(stream: Any) -> None:
 
 
 def put_line(text: str, stream: Any) -> None:
-    """Write a line at once, so that no other process on the same stream writes into it, buffered or not."""
+    """Write a line in one piece, so that no other process on the same stream writes into it."""
     stream.write(f"{text}\n")
     stream.flush()
 
@@ -63,7 +63,7 @@ def say(text: str) -> None:
 
 
 class Output:
-    """Lines to stdout; where nobody takes them, the program goes on, so that its reports are written."""
+    """Prints lines to stdout; if stdout is lost, the program goes on, so that its reports are written."""
 
     def __init__(self) -> None:
         self._lost: OSError | None = None
@@ -87,7 +87,7 @@ class Output:
 
 
 def put_whole(text: str) -> None:
-    """Print a report. Raises as `Output.raise_if_lost`."""
+    """Print a whole report. Raises as `Output.raise_if_lost`."""
     out = Output()
     out.put([text])
     out.raise_if_lost()

@@ -1,4 +1,4 @@
-"""A suite of scenarios on the terminal: what each has come to, how many are done, which ones run."""
+"""Display of a suite of scenarios on the terminal: verdict of each, how many are done, which ones run."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class SuiteTeller(SuiteListener):
         self._teller.say(text)
 
     def stopped(self) -> bool:
-        """Whether a signal has come."""
+        """Whether a stop signal has been received."""
         return self._stop()
 
     def put(self, text: str) -> None:
@@ -84,7 +84,7 @@ class SuiteTeller(SuiteListener):
         return self._progress
 
     def prepared(self, cases: Sequence[Case]) -> None:
-        """Print what is refused to runs in real time, and the notes on rigs and vehicles, each once."""
+        """Print what this machine denies to real-time runs, and the notes on rigs and vehicles, each once."""
         self._cases = cases
         asked = cases[0].job.request
         if asked.clock == "realtime" and asked.realtime is not False and (refused := refused_here()):
@@ -99,7 +99,7 @@ class SuiteTeller(SuiteListener):
         self._show()
 
     def ended(self, outcome: Outcome) -> None:
-        """Show that a scenario has ended, and print it when those before it have ended, too."""
+        """Show that a scenario has ended; print its verdict once all scenarios before it have ended."""
         with self._lock:
             self._outcomes[outcome.case.file] = outcome
             if outcome.case.file in self._running:
@@ -136,7 +136,7 @@ class SuiteTeller(SuiteListener):
             self._progress.update(len(self._outcomes), len(self._cases), self.line())
 
     def _lines(self, outcome: Outcome, done: int) -> list[str]:
-        """Return what is printed of a scenario: its verdict, its expectations and notes."""
+        """Return the printed lines on a scenario: its verdict, its expectations and notes."""
         if self._is_quiet and outcome.verdict == PASS:
             return []
         lines = [f"[{done}/{len(self._cases)}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
@@ -156,14 +156,14 @@ class SuiteTeller(SuiteListener):
 
 
 class JudgeTeller(SuiteTeller):
-    """Listener that prints what recordings are judged to be, run by run."""
+    """Listener that prints the verdicts on recordings, run by run."""
 
     def prepared(self, cases: Sequence[Case]) -> None:
-        """Note the recorded runs."""
+        """Store the cases of the recorded runs."""
         self._cases = cases
 
     def ended(self, outcome: Outcome) -> None:
-        """Print a run that was judged, with the notes on how it was read."""
+        """Print the verdicts on a recorded run, with the notes on how it was read."""
         self._outcomes[outcome.case.file] = outcome
         done, count = len(self._outcomes), len(self._cases)
         with self._teller.aside():
@@ -175,7 +175,7 @@ class JudgeTeller(SuiteTeller):
             self._progress.update(done, count, f"{done}/{count} runs" if count > 1 else "")
 
     def _judged_lines(self, outcome: Outcome, is_named: bool) -> list[str]:
-        """Return what is printed of the verdicts of a run."""
+        """Return the printed lines on the verdicts of a recorded run."""
         indent, lines = "    " if is_named else "", list[str]()
         if is_named and not (self._is_quiet and outcome.verdict == PASS):
             lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
@@ -189,12 +189,12 @@ class JudgeTeller(SuiteTeller):
 
 
 def _fit_of(case: Case) -> list[str]:
-    """Return the notes on how the rig and the vehicle of a scenario fit."""
+    """Return the notes on mismatches between the rig and the vehicle of a scenario."""
     return notes_on_fit(case.plan.rig, case.plan.setup.vehicle, case.plan.request.rate)
 
 
 def summary_of(outcomes: Sequence[Outcome], what: str) -> list[str]:
-    """Return the last line: how many expectations have which verdict.
+    """Return the last line of output: how many expectations have which verdict.
 
     `what` names what was judged, in the plural: "scenarios", "recordings".
     """

@@ -1,4 +1,4 @@
-"""Where progress, and what happens, is told: stderr; on a terminal above a panel that says where the run is."""
+"""Listener that prints messages and progress to stderr; on a terminal, above a live panel of the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _EVERY_S = 0.2  # between two drawings of the panel
 
 
 class Teller(Listener):
-    """Listener that prints to stderr unless quiet; with a summary as JSON it prints only what goes wrong."""
+    """Listener that prints to stderr unless quiet; where the summary is JSON, it prints only errors."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Teller(Listener):
         self._screen = Screen(is_off=is_quiet or is_json)
 
     def sees(self, view: PanelView) -> None:
-        """Set how the run is seen in the panel."""
+        """Set how the panel shows the run."""
         self._view = view
 
     def say(self, text: str) -> None:
@@ -46,7 +46,7 @@ class Teller(Listener):
             self._screen.say(as_flags(text))
 
     def starts(self, what: str) -> None:
-        """Print what is about to run."""
+        """Print which run is about to start."""
         self._screen.prepare()  # not later, when the run is in a hurry
         if not self._is_json:
             self.say(f"{what}, {self._how}" if self._how else what)
@@ -77,7 +77,7 @@ class Teller(Listener):
         self._compilation.update(seconds, expected or 0.0, "once for this version and machine", name)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Take the progress of a compilation away; where there is no terminal, print its duration."""
+        """Remove the progress of a compilation; without a terminal, print its duration."""
         if self._compilation is None:
             return
         self._compilation.close()
@@ -86,7 +86,7 @@ class Teller(Listener):
             self._screen.say(f"ready after {seconds:.1f} s")
 
     def progress(self, what: str, total: float = 0.0) -> ProgressDisplay:
-        """Return the progress of what may take a while: a picture on a terminal, else a line now and then."""
+        """Return the progress display of a long task: live on a terminal, else a line now and then."""
         plain = None if self._is_quiet or self._is_json else self._screen.say
         return ProgressDisplay(self._screen, what, total, clock=self._clock, plain=plain)
 
@@ -95,7 +95,7 @@ class Teller(Listener):
         return self._screen.aside()
 
     def clear(self) -> None:
-        """Take the panel away for what is printed next."""
+        """Remove the panel before results are printed."""
         self._screen.take(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
