@@ -153,7 +153,7 @@ def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
                     one.name,
                     one.verdict,
                     other.verdict,
-                    other.method,
+                    other.method or "",
                     apart,
                     _doubt(other),
                     other.reason,

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from liftgate_hil.campaigns import space as space_module
 from liftgate_hil.campaigns.request import METHODS
 from liftgate_hil.campaigns.space import Design, Space, shares_of, space_of
 from liftgate_hil.errors import ConfigError
@@ -168,7 +169,7 @@ def test_a_billion_variants_are_not_held_in_memory() -> None:
 
 def test_too_many_variants_are_refused_before_their_samples_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[object] = []
-    monkeypatch.setattr(Design, "_sampled", staticmethod(lambda *given: drawn.append(given)))
+    monkeypatch.setattr(space_module, "shares_of", lambda *given: drawn.append(given))
     with pytest.raises(ConfigError):
         design("rod~uniform(0,1)", "angle=1:2:100", samples=10**9, method="random")
     assert drawn == []

@@ -47,7 +47,7 @@ def test_arguments_are_converted_to_the_types_of_their_fields() -> None:
         ({"source": 3}, "`source` 3: allowed: a path"),
         ({"source": ""}, "`source` '': allowed: a path"),
         ({"names": 3}, "`names` 3: allowed: a list of names"),
-        ({"is_small": True}, "`is_small` True: allowed: together with `title`"),
+        ({"is_small": True}, "`is_small`: allowed: together with `title`"),
     ],
 )
 def test_an_invalid_argument_is_refused_with_the_allowed_values(given: Any, message: str) -> None:
@@ -77,7 +77,7 @@ def test_a_command_has_the_parameters_of_its_request_and_the_docstring_of_its_fu
     assert inspect.signature(draw).parameters["angle_deg"].default == 35.0
     text = inspect.getdoc(draw)
     assert text is not None
-    assert text.startswith("Return a request in words.\n\n- `source`: a recording; allowed: a path\n")
+    assert text.startswith("Return a request as text.\n\n- `source`: a recording; allowed: a path\n")
     assert "- `angle_deg`: angle of the rod; allowed: 0 to 90 deg; default: 35\n" in text
     assert inspect.isfunction(draw)
     with pytest.raises(TypeError, match=r"^draw\(\) got an unexpected keyword argument 'angel_deg'"):
