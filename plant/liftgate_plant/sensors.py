@@ -262,7 +262,7 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
 
 
 class View(NamedTuple):
-    """What the sensors can see at the end of a tick: state, inputs, outputs, and the currents' course in it."""
+    """Plant at the end of a tick, as sensors see it: state, inputs, outputs, and the currents' course in it."""
 
     state: State
     inputs: Inputs

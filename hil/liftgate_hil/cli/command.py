@@ -1,4 +1,4 @@
-"""What all subcommands share: flags made from requests, the call of a command, exit codes."""
+"""Flags made from requests, the call of a command, and exit codes, for all subcommands."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def no_scenario() -> Scenario:
 
 @dataclass(frozen=True)
 class _Part:
-    """One of the files of a scenario (the file itself or an included one), as it was read."""
+    """Scenario file or a file that it includes, as it was read."""
 
     path: Path
     raw: Table
@@ -232,7 +232,7 @@ def _parameters_in(value: Any) -> Iterator[str]:
 
 
 class _PartRead(NamedTuple):
-    """One of the files of a scenario, during the creation of the scenario from it."""
+    """Scenario file or an included one, with the issues found while the scenario is made from it."""
 
     path: Path
     raw: Table

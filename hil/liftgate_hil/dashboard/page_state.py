@@ -261,7 +261,7 @@ class Startable(TypedDict):
 
 
 class EndState(TypedDict):
-    """How a run has ended."""
+    """End of a run: its verdict, the reason, and the verdicts of its expectations."""
 
     verdict: Annotated[str, Shown("`pass`, `inconclusive`, `fail` or `error`")]
     ending: Annotated[str, Shown("the verdict, or what stands in its place: `stopped` before the end, with "

@@ -426,7 +426,7 @@ def test_hall_edges_in_the_file_agree_with_the_count_columns(tmp_path: Path) -> 
 
 
 def test_edge_times_at_1_khz_and_10_khz_differ_by_less_than_2_microseconds(tmp_path: Path) -> None:
-    """What remains is the error of the solver at 1 ms, measured as 0.96 us at most."""
+    """The remaining difference is the solver's error at 1 ms, measured as 0.96 us at most."""
     coarse, fine = (
         np.array(
             [

@@ -102,7 +102,7 @@ def places_of_issues(path: Path, **parameters: float) -> list[str]:
 
 
 def test_an_invalid_value_is_reported_where_it_was_set(tmp_path: Path) -> None:
-    """That is, for a parameter of the including file or a flag, not the included file that only uses it."""
+    """The issue names the including file's parameter or the flag, not the included file that only uses it."""
     (tmp_path / "bench.toml").write_text(BENCH)
     path = tmp_path / "s.toml"
 

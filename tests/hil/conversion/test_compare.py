@@ -358,7 +358,7 @@ def test_bus_logs_are_compared_by_their_frames_or_their_decoded_signals(
 def test_bus_logs_with_different_time_origins_are_equal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
 ) -> None:
-    """One logger was started 4.25 s before the other, as their timestamps show."""
+    """Two recordings of loggers that were started 4.25 s apart, as their timestamps show."""
     rows, epoch = [(0x220, bytes([k, 0, 0, 0, 0, 0, 0, 0])) for k in range(50)], 1_700_000_000_123_456_000
     first = str(log(tmp_path / "a.blf", rows, STAMPS, epoch))
     second = str(log(tmp_path / "b.log", rows, [each + 4.25 for each in STAMPS], epoch - 4_250_000_000))
