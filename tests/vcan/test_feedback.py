@@ -22,7 +22,7 @@ from hil_support import (
     both,
     command_frame,
 )
-from vcan_support import Bus, emulator, ended, run, running, summary_of, texts_of, write_log
+from vcan_support import Bus, emulator, ended, run, running, summary_of, texts_of, wait_for, write_log
 
 from liftgate_hil.config.rig import Rig
 
@@ -68,15 +68,17 @@ def test_a_log_converted_to_asc_is_read_completely(tmp_path: Path, bus: Bus) -> 
 def test_a_stop_signal_turns_the_motors_off(tmp_path: Path, bus: Bus, rig: Rig, number: int) -> None:
     commands = [command_frame(rig, turn, **both(60.0, OPEN, 1)) for turn in range(160)]
     played = write_log(tmp_path / "commands.log", texts_of(commands))
+    playing = ("canplayer", "-l", "i", "-I", str(played))
     record = tmp_path / "run.csv"
-    with emulator(bus, "--record", str(record)) as gate, running("canplayer", "-l", "i", "-I", str(played)):
+    with emulator(bus, "--record", str(record)) as gate, running(*playing):
         bus.wait_for_more(GATE, 50)
         assert bus.last(rig, "LeftDrive")["HallCount"] > 10
-        for _ in range(50):  # a machine that stands still for 100 ms makes a command time out
-            if bus.last(rig, "BenchStatus")["EmulatorState"] == RUNNING:
-                break
-            bus.wait_for_more(BENCH_STATUS, 1)
-        assert bus.last(rig, "BenchStatus")["EmulatorState"] == RUNNING
+
+        def is_running() -> bool:
+            return bool(bus.last(rig, "BenchStatus")["EmulatorState"] == RUNNING)
+
+        # A machine that stands still for 100 ms makes a command time out.
+        wait_for(is_running, "the emulator receives no commands")
         out = ended(gate, number)
     assert out.startswith("ticks ")
     assert bus.last(rig, "BenchStatus")["EmulatorState"] == STOPPED

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 
-# Subjects of flags, in their order, by the names of their values.
+# Subjects of flags, in their order, by the names of their values. A flag that stands under none has the subject of
+# the flag before it.
 _SUBJECTS: Mapping[str, tuple[str, ...]] = {
     "bus": ("bus", "serial", "interface", "channel", "bitrate", "is_fd", "rig", "ecu_serial"),
     "ECU": ("ecu", "against", "mutants", "mutation_threshold", "request", "no_requests", "drives", "coding"),
@@ -49,8 +50,9 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
     """Arrange the help of a command whose arguments have been added; `more` stands before its examples."""
     flags = parser._optionals
     needs = parser._positionals
+    subject = ""
     for action in list(flags._group_actions):
-        subject = subject_of(action)
+        subject = _subject_of(action) or subject
         group = needs if action.required else _group(parser, subject) if subject else flags
         if group is not flags:
             flags._group_actions.remove(action)
@@ -63,8 +65,8 @@ def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str 
     parser.usage = " ".join([parser.prog, *map(_needed, needs._group_actions), "[FLAGS]"])
 
 
-def subject_of(action: argparse.Action) -> str:
-    """Return the subject that a flag is grouped under in the help; "": it has none."""
+def _subject_of(action: argparse.Action) -> str:
+    """Return the subject that a flag stands under in `_SUBJECTS`; "": it stands in none."""
     flag = action.option_strings[-1].lstrip("-") if action.option_strings else ""
     return _SUBJECT_OF.get(flag) or _SUBJECT_OF.get(action.dest, "")
 

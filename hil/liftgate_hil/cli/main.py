@@ -18,34 +18,10 @@ from typing import NoReturn
 
 from liftgate_hil.cli import stopping
 from liftgate_hil.cli.command import Call, as_flags, forget_flags
-from liftgate_hil.cli.examples import EXAMPLES
+from liftgate_hil.cli.commands import COMMANDS
 from liftgate_hil.cli.help import Formatter, arrange
 from liftgate_hil.cli.terminal import streams
 from liftgate_hil.errors import ConfigError, LiftgateError, allowed_names, causes
-
-COMMANDS = {
-    "run": "the real-time emulator on a bus (the default subcommand)",
-    "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
-    "ecu": "the reference ECU alone, on any bus",
-    "test": "scenario files: run, judge, report",
-    "judge": "the same verdicts again, from recordings",
-    "campaign": "many variants of a scenario: grid, samples, search for the worst, probability",
-    "convert": "a recording in another format; bus logs decoded into tables",
-    "replay": "a recording's frames onto a bus, with the original timing",
-    "plot": "a picture of a recording or of a vehicle",
-    "dashboard": "the operator's page of a running emulator, or of a recording",
-    "compare": "two recordings: the first and the largest difference of each column; a picture",
-    "simulate": "the plant alone, offline, as fast as it goes",
-    "identify": "parameters of a vehicle from measurements; which experiment gives most information",
-    "validate": "a vehicle's model against measurements",
-    "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
-    "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
-    "compile": "the machine code of all loops ahead of time: for container images and CI caches",
-    "completion": "a script with which bash, zsh or fish complete flags and names",
-    "list": "what is shipped, with descriptions: scenarios, vehicles, rigs, campaigns, ECUs",
-    "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
-}
-
 
 _WORDS = {"help": "this text, or that of a subcommand: help test", "version": "the version"}
 _JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
@@ -149,9 +125,10 @@ def _command(argv: Sequence[str] | None) -> int:
     )
     forget_flags()
     _add_arguments(parser, module)
-    lines = [f"  {each:<10} {text}" for each, text in {**COMMANDS, **_WORDS}.items()]
+    words = {**{each: command.summary for each, command in COMMANDS.items()}, **_WORDS}
+    lines = [f"  {each:<10} {text}" for each, text in words.items()]
     overview = "subcommands (each with its own --help):\n" + "\n".join(lines)
-    arrange(parser, EXAMPLES[name], overview if name == "run" else "")
+    arrange(parser, COMMANDS[name].examples, overview if name == "run" else "")
     if name in _JUDGING:
         parser.on_error = functools.partial(_report_flags, arguments)
     if name == "run" and arguments and not arguments[0].startswith("-"):
@@ -225,9 +202,9 @@ def whole_parser() -> Parser:
     """Return one parser of all subcommands and flags; `main` loads only the requested subcommand."""
     root = Parser(prog="liftgate-hil")
     subcommands = root.add_subparsers()
-    for name, text in COMMANDS.items():
+    for name, command in COMMANDS.items():
         module = importlib.import_module(f"liftgate_hil.cli.{name}")
-        _add_arguments(subcommands.add_parser(name, help=text), module)
+        _add_arguments(subcommands.add_parser(name, help=command.summary), module)
         if name == "run":
             _add_arguments(root, module)
     return root

@@ -15,7 +15,8 @@ import pytest
 
 import liftgate_hil
 import liftgate_hil as lh
-from liftgate_hil.cli.main import COMMANDS, main
+from liftgate_hil.cli.commands import COMMANDS
+from liftgate_hil.cli.main import main
 from liftgate_hil.drive.realtime_driver import RealtimeDriver
 from liftgate_hil.errors import OverrunError
 from liftgate_hil.plan import plan

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from liftgate_hil.cli.commands import COMMANDS
 from liftgate_hil.cli.completion import SHELLS
-from liftgate_hil.cli.main import COMMANDS, main, whole_parser
+from liftgate_hil.cli.main import main, whole_parser
 from liftgate_hil.config.shipped import shipped_names
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 
 import pytest
 
-from liftgate_hil.cli.examples import EXAMPLES
-from liftgate_hil.cli.help import subject_of
-from liftgate_hil.cli.main import COMMANDS, main, whole_parser
+from liftgate_hil.cli.commands import COMMANDS
+from liftgate_hil.cli.help import Formatter, arrange
+from liftgate_hil.cli.main import main, whole_parser
 
 
 def helped(capsys: pytest.CaptureFixture[str], name: str) -> str:
@@ -24,7 +25,7 @@ def test_a_help_text_begins_with_usage_and_ends_with_examples(
     text = helped(capsys, name)
     assert len(text.splitlines()[0]) < 100
     examples = text.partition("\nexamples:\n")[2].splitlines()
-    assert examples == [f"  {each}" for each in EXAMPLES[name]]
+    assert examples == [f"  {each}" for each in COMMANDS[name].examples]
     assert len(examples) >= 3
 
 
@@ -37,15 +38,25 @@ def test_flags_are_grouped_by_subject(capsys: pytest.CaptureFixture[str]) -> Non
     assert {"bus", "vehicle", "files that are read", "results"} < set(subjects)
 
 
-def test_every_flag_has_a_subject() -> None:
-    found = next(each for each in whole_parser()._actions if isinstance(each, argparse._SubParsersAction))
-    for name, parser in found.choices.items():
-        shown = [each for each in parser._actions if each.help != argparse.SUPPRESS]
-        flags = {each.dest: subject_of(each) for each in shown if each.option_strings and not each.required}
-        assert {each for each, subject in flags.items() if not subject} <= {"help", "version"}, name
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_and_version_are_the_only_flags_without_a_subject(
+    capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    others = helped(capsys, name).partition("\nothers:\n")[2].partition("\n\n")[0]
+    assert re.findall("^  (-[^ ]+)", others, re.MULTILINE) == ["-h,", "--version"]
 
 
-@pytest.mark.parametrize("example", [each for examples in EXAMPLES.values() for each in examples])
+def test_a_flag_that_no_subject_names_stands_beside_the_flag_before_it() -> None:
+    parser = argparse.ArgumentParser(prog="any", formatter_class=Formatter)
+    for flag in ("--vehicle", "--new", "--output"):
+        parser.add_argument(flag, metavar="X", help="what it is")
+    arrange(parser, ())
+    shown = parser.format_help()
+    assert "\nvehicle:\n  --vehicle X " in shown
+    assert shown.index("  --vehicle X ") < shown.index("  --new X ") < shown.index("\nresults:\n  --output X ")
+
+
+@pytest.mark.parametrize("example", [each for command in COMMANDS.values() for each in command.examples])
 def test_every_example_is_accepted_by_the_parser(example: str) -> None:
     words = shlex.split(example, comments=True)
     words = words[words.index("liftgate-hil") + 1 :]
