@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 
 from liftgate_hil.config.driver import ButtonTable, DiagnosticsTable, ResetTable
 from liftgate_hil.config.inject import ORDERS
-from liftgate_hil.config.messages import ChecksumTable, CounterTable, MessageTable, StateMachineTable
+from liftgate_hil.config.messages import MessageTable, StateMachineTable
+from liftgate_hil.config.own_protection import ChecksumTable, CounterTable
 from liftgate_hil.config.rig import RigTable
 from liftgate_hil.config.signal_mapping import MappingTable
 from liftgate_hil.diagnostics.trouble_code import number_of

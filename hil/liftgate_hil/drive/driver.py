@@ -114,7 +114,7 @@ class Driver:
     def tell_end(self, end: RunEnd) -> None:
         """Tell attached clients, if any, how the run has ended."""
 
-    def told(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
+    def completed(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
         """Return the summary of a run, completed with the counts and texts of refused frames."""
         plan = self.plan
         began_s = int(stimuli.origin[0]) * plan.config.step

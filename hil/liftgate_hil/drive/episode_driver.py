@@ -66,4 +66,4 @@ class EpisodeDriver(Driver):
             return Summary(clock="free")
         summary = self._episode.summary(self.plan.rig.bitrate)
         self.recordings.note(summary)
-        return self.told(summary, self._episode.state, self._episode.stimuli)
+        return self.completed(summary, self._episode.state, self._episode.stimuli)

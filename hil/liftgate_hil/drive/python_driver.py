@@ -121,7 +121,7 @@ class PythonDriver(BusDriver):
             self._loop.finish()
         finally:  # a plant that has diverged does so again
             summary = self._loop.summary(self.plan.request.clock)
-            self._summary = self.told(summary, self.start.state, self.start.stimuli)
+            self._summary = self.completed(summary, self.start.state, self.start.stimuli)
 
     def summary(self) -> Summary:
         """Return the summary of the run."""

@@ -119,7 +119,7 @@ class RealtimeDriver(BusDriver):
         """
         summary = Summary(clock="realtime")
         if self._loop is not None:
-            summary = self.told(self._loop.summary(), self.start.state, self.start.stimuli)
+            summary = self.completed(self._loop.summary(), self.start.state, self.start.stimuli)
         if self._recorder is not None:
             summary.recording_lost_rows = self._recorder.lost_rows
             summary.recordings = self._recorder.files
