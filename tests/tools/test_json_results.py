@@ -17,10 +17,21 @@ from liftgate_hil.loop.histogram import NOTHING
 from liftgate_hil.testing import mutation, sections, suite
 from liftgate_hil.testing.outcome import Case, Outcome
 from liftgate_hil.transport.base import LinkCounts
-from tools.docs.json_bench_keys import CAMPAIGN, DOCTOR, RIG
-from tools.docs.json_fit_keys import IDENTIFY, PLAN, VALIDATE
-from tools.docs.json_keys import COMPARE, LINK, REPLAY, RUN, VERDICTS, Document
-from tools.docs.json_results import DOCUMENTS
+from tools.docs.json_results import (
+    CAMPAIGN,
+    COMPARE,
+    DOCTOR,
+    DOCUMENTS,
+    IDENTIFY,
+    LINK,
+    PLAN,
+    REPLAY,
+    RIG,
+    RUN,
+    VALIDATE,
+    VERDICTS,
+    Document,
+)
 
 SCENARIO = """
 duration = 0.5

@@ -7,8 +7,8 @@ import importlib
 import re
 
 from liftgate_hil.cli.command import DEMO_EXIT_CODES, EXIT_CODES, RUN_EXIT_CODES
-from liftgate_hil.cli.examples import EXAMPLES
-from liftgate_hil.cli.main import COMMANDS, whole_parser
+from liftgate_hil.cli.commands import COMMANDS
+from liftgate_hil.cli.main import whole_parser
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS
 from tools.docs.markdown import code, page, table
 
@@ -46,7 +46,9 @@ def command_line_page() -> str:
     return page(
         "Command line",
         _INTRO,
-        table(["subcommand", "what it does"], [(code(name), text) for name, text in COMMANDS.items()]),
+        table(
+            ["subcommand", "what it does"], [(code(name), command.summary) for name, command in COMMANDS.items()]
+        ),
         "## Exit codes",
         table(["code", "meaning"], _CODES),
         _VERDICTS,
@@ -60,7 +62,7 @@ def _subcommand(name: str, parser: argparse.ArgumentParser) -> list[str]:
     module = importlib.import_module(f"liftgate_hil.cli.{name}")
     flags = [each for each in parser._actions if each.help != argparse.SUPPRESS and not _is_common(each)]
     rows = [(_name_of(each), _words(each)) for each in flags]
-    examples = "\n".join(["```text", *EXAMPLES[name], "```"])
+    examples = "\n".join(["```text", *COMMANDS[name].examples, "```"])
     return [f"## {name}", *_paragraphs(module.__doc__ or ""), examples, table(["argument", "meaning"], rows)]
 
 
