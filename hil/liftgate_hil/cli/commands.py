@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 
-class Command(NamedTuple):
-    """Command of the program, whose flags and call are the module of its name: one sentence, and its examples.
+class Subcommand(NamedTuple):
+    """Subcommand of the program, whose flags and call are the module of its name: one sentence, and its examples.
 
     There are three examples at least; the first is the usual one.
     """
@@ -16,8 +16,8 @@ class Command(NamedTuple):
     examples: tuple[str, ...]
 
 
-COMMANDS: Mapping[str, Command] = {
-    "run": Command(
+COMMANDS: Mapping[str, Subcommand] = {
+    "run": Subcommand(
         "the real-time emulator on a bus (the default subcommand)",
         (
             "liftgate-hil --bus socketcan:can0",
@@ -25,7 +25,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil --bus socketcan:vcan0 --rig my-rig.toml --scenario pack/crank_dip --record run.mf4",
         ),
     ),
-    "demo": Command(
+    "demo": Subcommand(
         "the emulator and the reference ECU: opens, meets an obstacle, reverses",
         (
             "liftgate-hil demo",
@@ -33,7 +33,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil demo --bus socketcan:vcan0 --dashboard",
         ),
     ),
-    "ecu": Command(
+    "ecu": Subcommand(
         "the reference ECU alone, on any bus",
         (
             "liftgate-hil ecu --bus socketcan:vcan0",
@@ -41,7 +41,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil ecu --serial /dev/ttyUSB0@921600 --ecu ./libmy_ecu.so",
         ),
     ),
-    "test": Command(
+    "test": Subcommand(
         "scenario files: run, judge, report",
         (
             "liftgate-hil test pack",
@@ -49,7 +49,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil test my-tests --ecu bus --bus socketcan:can0 --clock realtime --retry-inconclusive 2",
         ),
     ),
-    "judge": Command(
+    "judge": Subcommand(
         "the same verdicts again, from recordings",
         (
             "liftgate-hil judge drive.mf4 --scenario pack/trap_40deg_10npmm",
@@ -57,7 +57,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil judge results/*.mf4 --scenario my.toml --html report.html",
         ),
     ),
-    "campaign": Command(
+    "campaign": Subcommand(
         "many variants of a scenario: grid, samples, search for the worst, probability",
         (
             "liftgate-hil campaign my.toml --vary rod=10000,20000,65000 --vary angle=10:70:13 --output grid",
@@ -66,7 +66,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil campaign grid --replay VARIANT --record run.mf4",
         ),
     ),
-    "convert": Command(
+    "convert": Subcommand(
         "a recording in another format; bus logs decoded into tables",
         (
             "liftgate-hil convert run.blf run.mf4",
@@ -74,7 +74,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil convert run.blf signals.csv --rig liftgate  # what the frames say, decoded",
         ),
     ),
-    "replay": Command(
+    "replay": Subcommand(
         "a recording's frames onto a bus, with the original timing",
         (
             "liftgate-hil replay run.blf --bus socketcan:can0  # what the gate sent, for the ECU",
@@ -83,7 +83,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil replay run.mf4 --bus socketcan:can0 --from 13 --to 20 --loop",
         ),
     ),
-    "plot": Command(
+    "plot": Subcommand(
         "a picture of a recording or of a vehicle",
         (
             "liftgate-hil plot run.csv",
@@ -94,7 +94,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil plot --figure forces --vehicle suv --set environment.road_slope_deg=8",
         ),
     ),
-    "dashboard": Command(
+    "dashboard": Subcommand(
         "the operator's page of a running emulator, or of a recording",
         (
             "liftgate-hil dashboard  # of the emulator that runs here",
@@ -103,7 +103,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil dashboard --scenarios pack  # which the page starts, with the reference ECU",
         ),
     ),
-    "compare": Command(
+    "compare": Subcommand(
         "two recordings: the first and the largest difference of each column; a picture",
         (
             "liftgate-hil compare before.csv after.csv",
@@ -111,7 +111,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil compare bench.log car.log --rig liftgate --time-tolerance 0.002 --output difference.png",
         ),
     ),
-    "simulate": Command(
+    "simulate": Subcommand(
         "the plant alone, offline, as fast as it goes",
         (
             "liftgate-hil simulate --voltage 12 --duration 8 --output opening.csv",
@@ -119,7 +119,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil simulate --vehicle compact --input measured.csv --output simulated.csv",
         ),
     ),
-    "identify": Command(
+    "identify": Subcommand(
         "parameters of a vehicle from measurements; which experiment gives most information",
         (
             "liftgate-hil identify measured.csv --estimate motor.resistance,motor.rotor_inertia --html fit.html",
@@ -127,7 +127,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil identify --plan --estimate motor.resistance,friction.coulomb --duration 20",
         ),
     ),
-    "validate": Command(
+    "validate": Subcommand(
         "a vehicle's model against measurements",
         (
             "liftgate-hil validate measured.csv --vehicle my-car.toml",
@@ -135,7 +135,7 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil validate drive.mf4 --rig my-rig.toml --vehicle my-car.toml --html report.html",
         ),
     ),
-    "rig": Command(
+    "rig": Subcommand(
         "what a rig maps and whether it fits; a first rig for a foreign database",
         (
             "liftgate-hil rig check liftgate",
@@ -143,15 +143,15 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil rig check their-rig.toml --vehicle compact",
         ),
     ),
-    "init": Command(
+    "init": Subcommand(
         "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
         ("liftgate-hil init my-gate", "liftgate-hil init .", "liftgate-hil init my-gate --quiet"),
     ),
-    "compile": Command(
+    "compile": Subcommand(
         "the machine code of all loops ahead of time: for container images and CI caches",
         ("liftgate-hil compile", "XDG_CACHE_HOME=/opt/cache liftgate-hil compile", "liftgate-hil compile --quiet"),
     ),
-    "completion": Command(
+    "completion": Subcommand(
         "a script with which bash, zsh or fish complete flags and names",
         (
             "liftgate-hil completion bash > ~/.local/share/bash-completion/completions/liftgate-hil",
@@ -159,11 +159,11 @@ COMMANDS: Mapping[str, Command] = {
             "liftgate-hil completion fish > ~/.config/fish/completions/liftgate-hil.fish",
         ),
     ),
-    "list": Command(
+    "list": Subcommand(
         "what is shipped, with descriptions: scenarios, vehicles, rigs, campaigns, ECUs",
         ("liftgate-hil list", "liftgate-hil list pack/trap", "liftgate-hil list mutant"),
     ),
-    "doctor": Command(
+    "doctor": Subcommand(
         "is this machine fit for real time: kernel, limits, buses, timer lateness",
         (
             "liftgate-hil doctor",
