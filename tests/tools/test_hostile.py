@@ -22,17 +22,17 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
-    """Each of the 25 cases is a process."""
-    flags = ("--files", "16", "--measurements", "6", "--recordings", "3", "--signals", "0", "--seed", "7")
+    """Each of the 14 cases is a process."""
+    flags = ("--files", "8", "--measurements", "4", "--recordings", "2", "--signals", "0", "--seed", "7")
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "25 cases, 0 with a fault" in done.stdout
+    assert "14 cases, 0 with a fault" in done.stdout
     assert "config exit 0: " in done.stdout
     assert "measurement exit 2: " in done.stdout
     assert "recording exit 2: " in done.stdout
     # What is done is not done again.
     again = campaign(tmp_path, *flags)
-    assert "25 cases, 0 with a fault" in again.stdout
+    assert "14 cases, 0 with a fault" in again.stdout
     assert "exit 2" not in again.stdout
 
 

@@ -78,7 +78,7 @@ def tried(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytes
     def run(commands: dict[str, list[str] | None], *flags: str) -> tuple[int, str]:
         monkeypatch.setattr(pythons, "versions", lambda: [*commands])
         monkeypatch.setattr(pythons, "interpreter", lambda version: sys.executable if commands[version] else None)
-        monkeypatch.setattr(pythons, "_steps", lambda _, folder, short: iter([commands[folder.name]]))
+        monkeypatch.setattr(pythons, "_steps", lambda _, folder, lines: iter([commands[folder.name]]))
         monkeypatch.setattr(sys, "argv", ["pythons", *flags, "--output", str(tmp_path)])
         return pythons.main(), capsys.readouterr().out
 

@@ -93,6 +93,21 @@ def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkey
     assert order.index("bad ends") < order.index("good begins")
 
 
+def test_a_file_exists_while_a_timed_stage_runs_and_only_the_others_know_its_name(
+    bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look = 'echo "$2 is told $LEAVE_A_CPU_WHILE"; ls "$LOGS"\n'
+    (bench / "make").write_text(f"#!/bin/sh\n{look}")
+    monkeypatch.setenv("LOGS", str(bench / "logs"))
+    monkeypatch.setattr(stages, "TIMED", ("timed-one",))
+    monkeypatch.setattr(stages, "PLANS", {"test": (("timed-one", "other"),), "ci": ()})
+    code, out = told("test")
+    first, _, second = out.partition("other is told ")
+    assert code == 0
+    assert first == "timed-one is told \ntimed\ntimed-one.log\n"
+    assert second.startswith(f"{bench}/logs/timed\nother.log\ntimed-one.log\n")
+
+
 def test_the_users_setting_of_vcan_is_obeyed(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCAN", "required")
     code, out = told("ci")

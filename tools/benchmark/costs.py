@@ -39,19 +39,11 @@ from liftgate_hil.loop.realtime_loop import (
     send,
 )
 from liftgate_hil.loop.rings import Memory, Shared
-from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force
 from liftgate_hil.plan.loop_start import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import ROW_WIDTH, Bench
-from liftgate_hil.stimuli.stimulus_plan import (
-    Outside,
-    StimulusPlan,
-    not_made,
-    outside_at,
-    received,
-    stimulus_plan_of,
-    turns,
-)
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -70,14 +62,6 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
     """Return the state after `count` plant steps, made in one call."""
     for _ in range(count):
         state = integrate.step(plant, state, inputs, step)
-    return state
-
-
-@compilable
-def many_ticks(config: LoopConfig, state: LoopState, outside: Outside, count: int) -> LoopState:
-    """Return the state after `count` ticks (receive, step, sense, encode), in one call without system calls."""
-    for _ in range(count):
-        state, _, _, _ = tick(config, state, config.nothing, outside)
     return state
 
 
@@ -228,13 +212,7 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
 
     config = loop_config_of(vehicle, rig, 1000.0, 0)
     loop_state, stimuli = start_of(config), nothing_around(config)
-    outside = outside_at(stimuli, 0.0, config.step, 0, False, False)
-    ticks = compiled(many_ticks)
-    ticks(config, loop_state, outside, 1)
-    figures["tick, compiled, in a loop"] = per_call(
-        lambda: ticks(config, loop_state, outside, many // 4), many // 4, rounds
-    )
-    # From here on as `Loop` calls it: with its stimuli, and with a row of the recording.
+    # As `Loop` calls it: with its stimuli, and with a row of the recording.
     one_tick, row = compiled(scheduled_tick), np.empty((1, ROW_WIDTH))
     frames = empty_frames(1)
     one_tick(config, loop_state, frames, stimuli, row, 0.0, False)

@@ -14,7 +14,7 @@ from dashboard_support import Client, bench, is_going, page_of, until
 from liftgate_hil.formats.open import open_recording
 from tools.busy import busy_processes
 
-MOMENTS, NEAR_S = 10, 0.05
+MOMENTS, NEAR_S = 6, 0.05
 
 
 @pytest.fixture
