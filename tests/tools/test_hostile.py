@@ -23,7 +23,7 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
     """Each of the 14 cases is a process."""
-    flags = ("--files", "8", "--measurements", "4", "--recordings", "2", "--signals", "0", "--seed", "7")
+    flags = ("--files", "8", "--measurements", "4", "--recordings", "2", "--signals", "0", "--seed", "1")
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "14 cases, 0 with a fault" in done.stdout
