@@ -51,8 +51,8 @@ NEEDS = {
     "test-browser": ("compile",),
     "test-package": ("compile",),
 }
-# Stages that are judged by what they do in real time. While one of them runs there is a file, whose name the others
-# get in their environment: with all CPUs busy their programs run for longer, and take twice the CPU time.
+# Stages that are judged by what they do in real time. While one of them runs there is a file, and the other stages
+# get its name in their environment: with all CPUs busy the timed ones take longer, and twice the CPU time.
 TIMED = ("test-vcan", "test-realtime", "test-browser")
 _LEAVE_A_CPU = "LEAVE_A_CPU_WHILE"  # read in tests/conftest.py
 # How pytest ends: a line between signs of equality; and its list of what failed.
