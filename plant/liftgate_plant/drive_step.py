@@ -78,7 +78,7 @@ def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: 
 
 @compilable
 def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> tuple[Shaft, Shaft]:
-    """Return both shafts' states at a step's start; those that stop early in the step are at rest."""
+    """Return the left and the right drive's shaft at the start of a step; at rest if they stop early in it."""
     left, right = state.left, state.right
     if goes_on(plant.left, left, frictions.left, step) and goes_on(plant.right, right, frictions.right, step):
         return Shaft(left.speed, left.position), Shaft(right.speed, right.position)

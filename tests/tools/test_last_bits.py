@@ -110,7 +110,7 @@ def test_without_the_switch_values_are_unchanged() -> None:
     assert last_bits.off(value) is value
 
 
-def test_only_tests_of_plant_reference_and_identification_run_with_the_switch() -> None:
+def test_only_tests_of_plant_reference_and_identification_run_with_changed_last_bits() -> None:
     tests = ROOT / "tests"
     assert last_bits.is_part(tests / "reference" / "test_statics.py")
     assert last_bits.is_part(tests / "hil" / "identification" / "test_search.py")

@@ -47,7 +47,9 @@ def test_without_apt_the_required_packages_are_named(
     assert install.missing_packages(["vcan0"], "auto") == ["can-utils"]
 
 
-def test_without_a_kernel_the_installation_command_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_user_mode_linux_the_error_states_the_installation_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(uml, "find_program", lambda name: None)
     with pytest.raises(process.UnavailableError, match=r"python -m tools\.vcan --install"):
         uml.find_uml()

@@ -95,7 +95,7 @@ def reason_of(error: Exception) -> str:
 
 
 def refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Part, Exception]]:
-    """Yield the parts of a database for which `attempt` raises an exception, with that exception, in order.
+    """Yield the parts of a database that `attempt`, called with several, refuses, each with its exception.
 
     They are found by halves of blocks, so that the time grows with the parts, and with the faults among them.
     """

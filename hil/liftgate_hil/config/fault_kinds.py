@@ -86,7 +86,7 @@ def _bridge(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _drive(how: int, value: float | None, *names: str) -> Callable[[Values, str], Sequence[Edit]]:
-    """Return a function that returns edits of a drive's constants by `value`; None: by the key `factor`."""
+    """Return the function of a fault that changes a drive's constants by `value`; None: by its key `factor`."""
     return lambda values, side: [
         Edit(f"plant.{side}.{name}", how, float(values["factor"]) if value is None else value) for name in names
     ]

@@ -103,7 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read all new data at a time [s]; return the lowest and highest value of each column, if a row is new."""
+        """Read new data at a monotonic time [s]; return `low` and `high` of the columns; {}: no new rows."""
         with self._updating:
             return self._update(now)
 

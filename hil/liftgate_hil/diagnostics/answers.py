@@ -57,7 +57,7 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return the time [s] of the last complete reading up to and including `time` [s]; NaN: none."""
+        """Return when [s] the trouble codes were last read completely, up to a time [s]; NaN: never."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 

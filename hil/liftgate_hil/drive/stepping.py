@@ -102,7 +102,7 @@ class _Angles:
 
 @dataclass
 class StepsAgain:
-    """Simulates the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
+    """Function of a lateness [s]: a run's gate is simulated again with the commands that much earlier and later."""
 
     begun: LoopStart
     frames: Any  # (n,) LOGGED, see `relevant_frames`
@@ -145,8 +145,8 @@ class StepsAgain:
         start = self.begun.with_own_arrays()
         start.stimuli.bus_faults.rows["direction"] &= ~RECEIVED  # what was received is known
         judge = Judge(self.expected, self.rate, self.end)
-        sketcher, angles = TraceSummarizer(judge, self.rate), _Angles(self.angles)
-        sinks: list[Sink] = [judge] if shift else [judge, sketcher, angles]
+        summarizer, angles = TraceSummarizer(judge, self.rate), _Angles(self.angles)
+        sinks: list[Sink] = [judge] if shift else [judge, summarizer, angles]
         player = _CommandPlayer(self.rig, self.drives, self.frames, shift, self.begun)
         episode = Episode(start, player, sinks, is_recorded=judge.reads_the_bus)
         try:
@@ -159,7 +159,7 @@ class StepsAgain:
             episode.close()
         if not angles.are_same:
             return None
-        return _Stepped(judge.verdicts(), {} if shift else sketcher.trace_summaries())
+        return _Stepped(judge.verdicts(), {} if shift else summarizer.trace_summaries())
 
 
 class _Stepped(NamedTuple):

@@ -37,9 +37,9 @@ from liftgate_hil.ecu.states import (
     SILENT,
     begin_motion,
     enter,
-    gone,
     is_moving,
     mean_speed,
+    mean_travel,
     position_of,
     take_zero,
 )
@@ -285,6 +285,6 @@ def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> Driv
 def drive_duty(constants: EcuConstants, memory: EcuMemory, index: int, wanted: float, voltage: float) -> float:
     """Return a drive's duty for the speed setpoint, corrected by its lead over the drives' mean position."""
     drive = memory.drives[index]
-    ahead = drive.count - drive.start - gone(memory)
+    ahead = drive.count - drive.start - mean_travel(memory)
     target = wanted - constants.calibration.tie * ahead
     return controlled_duty(constants, drive, target, voltage)

@@ -12,7 +12,7 @@ from liftgate_hil.ecu.anti_trap import forget, learn, watch
 from liftgate_hil.ecu.events import NO_VERDICT
 from liftgate_hil.ecu.memory import CLOSING, OPEN, OPENING, REVERSING, STOPPED, EcuConstants, EcuMemory
 from liftgate_hil.ecu.speed_control import counts_a_turn
-from liftgate_hil.ecu.states import enter, gone, guard_of, is_in_seal, mean_speed, position_of, travel_or
+from liftgate_hil.ecu.states import enter, guard_of, is_in_seal, mean_speed, mean_travel, position_of, travel_or
 
 
 @compilable
@@ -20,7 +20,7 @@ def watch_ends(constants: EcuConstants, memory: EcuMemory) -> None:
     """Check for the learned end position, a stall, and the end of a reversal."""
     c, control = constants.calibration, memory.control[0]
     position, state = position_of(memory), control.state
-    if state == REVERSING and gone(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
+    if state == REVERSING and mean_travel(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
         enter(constants, memory, STOPPED, events.REVERSAL_DONE, NO_VERDICT)
         return
     # A comparison with NaN (no position, no travel) is false.

@@ -69,8 +69,8 @@ def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, ve
 
 
 @compilable
-def gone(memory: EcuMemory) -> float:
-    """Return the drives' mean distance [counts] since the motion began."""
+def mean_travel(memory: EcuMemory) -> float:
+    """Return the mean change of both counts [counts] since the motion began; negative: closing."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].count - memory.drives[i].start

@@ -170,7 +170,7 @@ def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
 
 
 def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
-    """Return the files that are named as parts of a limited recording, by number."""
+    """Return the numbered files of a limited recording; `is_aside`: of the earlier one, set aside."""
     stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
     pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
     matches = ((pattern.fullmatch(each.name), each) for each in path.parent.iterdir())

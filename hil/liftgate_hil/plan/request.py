@@ -120,7 +120,7 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
         return tuple(map(str, listed(self.record_when)))
 
     def limit(self) -> Limit | None:
-        """Return the size limit of a recording's files; None: no limit."""
+        """Return the limits on a recording's files: their size, and how many are kept; None: there are none."""
         size = self.record_limit
         return None if size is None else Limit(value_of("record_limit", size, Size(1)), self.record_keep)
 

@@ -241,7 +241,7 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
 
 
 def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals where a single log holds no frame for much longer than any message's cycle."""
+    """Yield the gaps of all signals: where a single bus log has no frame for much longer than any cycle."""
     if asked.may_be_silent or any(each.is_ours for each in files):
         return
     cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]

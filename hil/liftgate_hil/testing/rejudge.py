@@ -201,7 +201,7 @@ def judged(
     if about.rig.inputs:
         tolerance, silence = tolerance_of(scenario, about.rig), silence_of(scenario, about.rig)
     found = Judge(about.expected, run.rate, last if end is None else end, tolerance, silence)
-    sketcher = TraceSummarizer(found, run.rate) if is_summarized else None
+    summarizer = TraceSummarizer(found, run.rate) if is_summarized else None
     watch = None if about.resets is None else ResetWatch(about.resets)
     for rows, frames in run.blocks():
         if stopped():
@@ -209,8 +209,8 @@ def judged(
         found.take(rows, frames)
         if watch is not None:
             watch.take(frames)
-        if sketcher is not None:
-            sketcher.take(rows, frames)
+        if summarizer is not None:
+            summarizer.take(rows, frames)
     steps_again = functools.cache(lambda: _steps_again(paths, about, found))
     own = found.verdicts(
         late=_not_made(about, run, watch, end),
@@ -218,7 +218,7 @@ def judged(
         again=lambda late: None if (steps := steps_again()) is None else steps(late),
     )
     verdicts = [_explained(each, run, about.expected.names(place)) for place, each in enumerate(own)]
-    trace_summaries = {} if sketcher is None else sketcher.trace_summaries()
+    trace_summaries = {} if summarizer is None else summarizer.trace_summaries()
     by_name = {each.name: each for each in verdicts}
     return JudgedRecording(
         by_name, trace_summaries, len(run.times), last, [*about.rig.notes, *run.notes], tuple(found.notes())

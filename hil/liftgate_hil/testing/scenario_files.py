@@ -93,7 +93,7 @@ def may_be_scenario(path: Path, is_test: bool = False) -> bool:
 
 
 def _is_like_expect(key: str) -> bool:
-    """Whether a key is a misspelt `expect`."""
+    """Whether a key is `expect` or `expectation`, or one of them misspelt."""
     return bool(difflib.get_close_matches(key.lower()[:12], ("expect", "expectation"), 1, 0.75))
 
 

@@ -31,21 +31,21 @@ def rows_of(seconds: float) -> Any:
     return rows
 
 
-def sketched(
+def summarized(
     expectations: list[Expectation], rows: Any, block: int, frames: Any = None
 ) -> dict[str, TraceSummary]:
     expected = expected_of(expectations, {}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, len(rows) / RATE)
-    sketcher = TraceSummarizer(judge, RATE)
+    summarizer = TraceSummarizer(judge, RATE)
     left = no_logged() if frames is None else frames
     for first in range(0, len(rows), block):
         part = rows[first : first + block]
         stamps = np.round(part[-1, TIME] * 1e9)
         now = left[left["time_ns"] <= stamps]
-        for sink in (judge, sketcher):
+        for sink in (judge, summarizer):
             sink.take(part, now)
         left = left[left["time_ns"] > stamps]
-    return sketcher.trace_summaries()
+    return summarizer.trace_summaries()
 
 
 def curve(view: EnvelopeView | None, text: str) -> tuple[Any, Any, Any]:
@@ -59,9 +59,9 @@ TURNS = Expectation("turns", "eventually", "gate_angle_deg > 0", "pinch_force_n 
 
 
 @pytest.mark.parametrize("block", [1, 7, 511, 512, 4096, 100_000])
-def test_a_sketch_does_not_depend_on_the_size_of_the_blocks(block: int) -> None:
+def test_a_trace_summary_does_not_depend_on_the_size_of_the_blocks(block: int) -> None:
     rows = rows_of(4.0)
-    found, whole = (sketched([SOFT, TURNS], rows, each) for each in (block, len(rows)))
+    found, whole = (summarized([SOFT, TURNS], rows, each) for each in (block, len(rows)))
     for name, trace_summary in whole.items():
         for view, same in ((trace_summary.view, found[name].view), (trace_summary.near, found[name].near)):
             assert view is not None
@@ -73,7 +73,7 @@ def test_a_sketch_does_not_depend_on_the_size_of_the_blocks(block: int) -> None:
 
 
 def test_the_peak_of_a_long_run_is_exact_and_shown_enlarged() -> None:
-    found = sketched([SOFT], rows_of(60.0), 4096)["soft"]
+    found = summarized([SOFT], rows_of(60.0), 4096)["soft"]
     times, low, high = curve(found.view, "pinch_force_n")
     assert len(times) <= MOST_BINS
     assert high.max() == 123.456
@@ -88,7 +88,7 @@ def test_the_peak_of_a_long_run_is_exact_and_shown_enlarged() -> None:
 
 def test_a_window_is_shown_tick_by_tick_with_the_time_before_it() -> None:
     rows = rows_of(4.0)
-    found = sketched([TURNS], rows, 512)["turns"]
+    found = summarized([TURNS], rows, 512)["turns"]
     assert found.view.ticks == 1
     times, low, high = curve(found.view, "gate_angle_deg")
     begin = rows[np.argmax(rows[:, FORCE] > 5), TIME]
@@ -103,7 +103,7 @@ def test_a_window_is_shown_tick_by_tick_with_the_time_before_it() -> None:
 
 def test_a_window_that_never_opens_shows_all_of_the_run() -> None:
     never = Expectation("never", "always", "gate_angle_deg < 90", "pinch_force_n > 500")
-    found = sketched([SOFT, never], rows_of(4.0), 512)["never"]
+    found = summarized([SOFT, never], rows_of(4.0), 512)["never"]
     times, _, high = curve(found.view, "pinch_force_n")
     assert (times[0], high.max()) == (0.001, 123.456)
     assert times[-1] > 3.9
@@ -111,7 +111,7 @@ def test_a_window_that_never_opens_shows_all_of_the_run() -> None:
     assert found.near is None
 
 
-def test_bus_signals_in_a_sketch_have_the_values_that_the_judge_saw() -> None:
+def test_bus_signals_in_a_trace_summary_have_the_values_that_the_judge_saw() -> None:
     """Gate.Angle, 0.01 deg a bit: none at first, then two frames."""
     message = shipped_rig().messages["Gate"]
     zeros = {each.name: 0.0 for each in message.signals}
@@ -123,7 +123,7 @@ def test_bus_signals_in_a_sketch_have_the_values_that_the_judge_saw() -> None:
     )
     each = Expectation("x", "always", "abs(Gate.Angle) < 20")
     for block in (100, 1000):
-        found = sketched([each], rows_of(1.0), block, frames)["x"]
+        found = summarized([each], rows_of(1.0), block, frames)["x"]
         times, low, high = curve(found.view, "Gate.Angle")
         assert np.array_equal(low, high, equal_nan=True)
         assert np.isnan(low[times < 0.0999]).all()
@@ -132,15 +132,15 @@ def test_bus_signals_in_a_sketch_have_the_values_that_the_judge_saw() -> None:
         assert set(curve(found.view, "abs(Gate.Angle)")[1][times > 0.6999]) == {3.0}
 
 
-def test_a_sketch_of_a_condition_with_many_columns_shows_only_some() -> None:
+def test_a_trace_summary_of_a_condition_with_many_columns_has_curves_of_some() -> None:
     names = [name for name in COLUMN_PLACE if name != "time_s"][:20]
     text = " and ".join(f"{name} < 1e6" for name in names)
-    found = sketched([Expectation("x", "always", text)], rows_of(0.1), 512)["x"]
+    found = summarized([Expectation("x", "always", text)], rows_of(0.1), 512)["x"]
     assert len(found.view.curves) == 12
     assert found.left_out == 8
 
 
-def test_a_run_without_rows_has_no_sketch() -> None:
+def test_a_run_without_rows_has_no_trace_summary() -> None:
     expected = expected_of([SOFT, TURNS], {}, shipped_rig().messages, 2, "file")
     found = TraceSummarizer(Judge(expected, RATE, math.inf), RATE).trace_summaries()
     assert [len(each.view.times) for each in found.values()] == [0, 0]

@@ -72,12 +72,12 @@ def test_any_expectation_of_any_run_has_pictures(
     rows[:, COLUMN_PLACE["latched"]] = np.arange(len(values)) % 2
     rig = shipped_rig()
     judge = Judge(expected_of([expectation], {}, rig.messages, 2, "file"), RATE, len(values) / RATE)
-    sketcher = TraceSummarizer(judge, RATE)
+    summarizer = TraceSummarizer(judge, RATE)
     for first in range(0, len(rows), block):
-        for sink in (judge, sketcher):
+        for sink in (judge, summarizer):
             sink.take(rows[first : first + block], no_logged())
     (verdict,) = judge.verdicts()
-    (trace_summary,) = sketcher.trace_summaries().values()
+    (trace_summary,) = summarizer.trace_summaries().values()
     names = value_names(rig)
     for svg in expectation_svgs(expectation, verdict, trace_summary, names):
         Page(svg)

@@ -223,7 +223,7 @@ def _moved(
 
 
 def side_by_side(runs: Sequence[Generator[Floats, Floats, Result]]) -> Generator[Floats, Floats, list[Result]]:
-    """Advance several runs (generators) in step, with their points in one batch; return their results."""
+    """Generator that advances generators in step: yields their points as one batch, gets the margins for them."""
     results: dict[int, Result] = {}
     waiting = {number: next(run) for number, run in enumerate(runs)}
     while waiting:

@@ -33,7 +33,7 @@ class QuietListener(Listener):
         self._teller = teller
 
     def alarm(self, text: str) -> None:
-        """Pass on an alarm."""
+        """Print an alarm of the run, unless messages are suppressed (--quiet)."""
         self._teller.say(text)
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
