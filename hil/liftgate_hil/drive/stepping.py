@@ -102,7 +102,7 @@ class _Angles:
 
 @dataclass
 class StepsAgain:
-    """Function of a lateness [s]: a run's gate is simulated again with the commands that much earlier and later."""
+    """Function of a lateness [s]: simulates a run's gate again with commands that much earlier and later."""
 
     begun: LoopStart
     frames: Any  # (n,) LOGGED, see `relevant_frames`
