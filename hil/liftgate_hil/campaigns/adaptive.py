@@ -31,7 +31,7 @@ _APART = math.radians(40.0)  # angle between two pockets, seen from the middle, 
 
 
 class Evaluated(NamedTuple):
-    """Evaluated variant: its values, its margin, and whether the expectation fails."""
+    """Evaluated variant: its values, margin (NaN: none), running number, and whether the expectation fails."""
 
     values: tuple[float, ...]
     margin: float
@@ -40,7 +40,7 @@ class Evaluated(NamedTuple):
 
 
 class Evaluations:
-    """Evaluator of an expectation's margins at points of the space, each variant only once."""
+    """Evaluator of one expectation's margins for varied values, each variant only once; has all in `history`."""
 
     def __init__(self, campaign: Campaign, expectation: str) -> None:
         self._campaign, self._expectation = campaign, expectation
@@ -75,7 +75,7 @@ class Evaluations:
 def drive(
     steps: Generator[Floats, Floats, Ending], values_of: Callable[[Floats], Floats], evaluations: Evaluations
 ) -> Ending:
-    """Evaluate the points that an algorithm (a generator) yields, until it ends; return its result."""
+    """Run a generator of points to its end, sending it the margins at `values_of(points)`; return its result."""
     try:
         points = next(steps)
         while True:
@@ -100,7 +100,7 @@ class Worst(NamedTuple):
 
 
 def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int, seed: int) -> Worst:
-    """Search for the variant with the smallest margin, then evaluate as many random variants for comparison."""
+    """Search for the smallest margin in `budget` evaluations, then evaluate `budget` random variants as well."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = 2 * budget
     end = drive(worst_search(space.levels, budget, seed), space.values, evaluations)
@@ -121,7 +121,7 @@ class Probability(NamedTuple):
 def estimate_probability(
     campaign: Campaign, space: Space, expectation: str, budget: int, seed: int
 ) -> Probability:
-    """Estimate the probability of failure; a tenth of the budget searches for separate failure regions."""
+    """Estimate an expectation's failure probability; a tenth of `budget` evaluations searches its regions."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = budget
     searching = int(SEARCH_SHARE * budget)
@@ -151,7 +151,7 @@ def share_below(points: Floats) -> Floats:
 
 
 def pockets_of(failing: Floats) -> Floats:
-    """Return the most probable failing points (k, d) in clearly different directions, from all (n, d)."""
+    """Return the failing points nearest the origin, one per direction, up to MOST_POCKETS (k, d) of all (n, d)."""
     distances = np.linalg.norm(failing, axis=1)
     kept: list[Any] = []
     for place in np.argsort(distances, kind="stable"):

@@ -70,7 +70,7 @@ class Campaign:
     def evaluate(self, batches: list[Batch]) -> None:
         """Evaluate the batches that the store does not hold yet, and wait until all are stored.
 
-        Raises StoppedError, StoreError, LiftgateError.
+        Raises CampaignStoppedError, StoreError, LiftgateError.
         """
         for _ in self._evaluating(batches):
             pass
@@ -78,7 +78,7 @@ class Campaign:
     def evaluated(self, batches: list[Batch]) -> Iterator[pa.Table]:
         """Evaluate batches, and yield their result tables in order, each once all earlier batches are stored.
 
-        So results are brought together while others are evaluated. Raises StoppedError, StoreError, LiftgateError.
+        So results are joined while others are evaluated. Raises CampaignStoppedError, StoreError, LiftgateError.
         """
         missing, place = {each.name for each in batches}, 0
         for names in self._evaluating(batches):
@@ -93,7 +93,7 @@ class Campaign:
         yield from self.tables(batches[place:])
 
     def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
-        """Evaluate missing batches; yield the names of stored ones: first those found, then each as it is done."""
+        """Evaluate batches not stored yet; yield sets of stored names: first all found, then each as done."""
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)
@@ -101,7 +101,7 @@ class Campaign:
         self.progress.found += before
         yield there
         left = len(missing)
-        for done in self.executor.run(missing, self.store, self.stopped, self._note):
+        for done in self.executor.run(missing, self.store, self.stopped, self._count_done):
             self.progress.retried += done.retried
             left -= 1
             yield {done.batch.name}
@@ -111,12 +111,12 @@ class Campaign:
     def tables(self, batches: list[Batch]) -> Iterator[pa.Table]:
         """Yield the result tables of stored batches; a batch with a damaged file is evaluated again.
 
-        Raises StoppedError, StoreError.
+        Raises CampaignStoppedError, StoreError.
         """
         for batch in batches:
             table = self.stored(batch)
             if table is None:
-                for done in self.executor.run([batch], self.store, self.stopped, self._note):
+                for done in self.executor.run([batch], self.store, self.stopped, self._count_done):
                     self.progress.retried += done.retried
                 table = self.stored(batch)
             if table is None:
@@ -126,14 +126,14 @@ class Campaign:
             yield table
 
     def stored(self, batch: Batch) -> pa.Table | None:
-        """Return a batch's stored table; None: missing, or of other variants. Raises StoreError."""
+        """Return a batch's stored table; None: missing, damaged, or of other variants. Raises StoreError."""
         table = self.store.get(batch.name)
         if table is None or tuple(table.column_names) != columns_of(self.base):
             return None
         names = [self.base.variant(each) for each in batch.values.tolist()]
         return table if table[VARIANT].to_pylist() == names else None
 
-    def _note(self, count: int) -> None:
+    def _count_done(self, count: int) -> None:
         self.progress.done += count
         self.tell(self.progress)
 

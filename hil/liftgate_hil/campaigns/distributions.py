@@ -21,7 +21,7 @@ _CALL = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*")
 
 
 class Family(NamedTuple):
-    """Family of distributions, e.g. `uniform`: its arguments, their constraints, and its quantile function."""
+    """Family of distributions, e.g. `uniform`: argument names, their constraint, quantiles of (u, *arguments)."""
 
     arguments: str
     allowed: str

@@ -86,7 +86,7 @@ class Vehicles:
 
 
 def _parameters_of(file: VehicleFile, targets: Sequence[VariedTarget]) -> Mapping[str, FreeParameter]:
-    """Return the parameters, by key, whose numbers can be set directly in a loaded vehicle."""
+    """Return the targets' parameters, by key, whose numbers can be set directly in a loaded vehicle."""
     found: dict[str, FreeParameter] = {}
     sides: tuple[str, ...]
     for each in targets:
@@ -196,7 +196,7 @@ class Evaluator:
     def rows(
         self, variants: Iterable[Sequence[float]], stopped: Callable[[], bool] = lambda: False
     ) -> Iterator[Row]:
-        """Evaluate variants, and yield their result rows in order.
+        """Evaluate variants: prepare all, run all, judge all; yield their result rows in order.
 
         All are prepared, then all run, then all judged: each of these is twice as fast with its code and data in
         the processor's caches, from which a run of machine code drives them out.
@@ -236,7 +236,7 @@ class Evaluator:
         return trial
 
     def _run(self, trial: _Trial, stopped: Callable[[], bool]) -> None:
-        """Run a variant as `EpisodeDriver` does, without recordings."""
+        """Run a prepared variant as `EpisodeDriver` does, without recordings; `trial` gets figures or an error."""
         if trial.ready is None:
             return
         began, judge = time.perf_counter(), trial.judge
@@ -277,7 +277,7 @@ class Evaluator:
         return Row(worst(each.verdict for each in verdicts), margins, trial.figures, wall_s, "", own)
 
     def adapter_of(self, plan: Plan, stack: contextlib.ExitStack) -> Adapter:
-        """Return the ECU's adapter in its power-on state; the reference ECU's is cached for the next variant."""
+        """Return the ECU's adapter at power-on: the reference ECU's is cached, `stack` closes a user's."""
         coding = plan.setup.vehicle.coding
         if self._ecu is None or self._ecu.coding != coding:
             adapter = adapter_of(plan, self.memory, stack)
@@ -290,13 +290,13 @@ class Evaluator:
         return kept.adapter
 
     def reset(self) -> None:
-        """Reset the loop's memory for the next run."""
+        """Set the counters in the loop's memory to zero before the next run."""
         control = self.memory.shared.control[0]
         control.rows = control.frames = control.bits = control.sent = control.tick = control.foreign = 0
 
 
 def _margin(verdict: Verdict | None) -> float:
-    """Return the margin of a verdict; NaN where it has none."""
+    """Return a verdict's margin; NaN: no verdict, an inconclusive one, or one without a margin."""
     if verdict is None or verdict.margin is None or verdict.verdict == INCONCLUSIVE:
         return math.nan
     return float(verdict.margin)

@@ -56,7 +56,7 @@ class FigureSink:
         self._count = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Append the columns that the figures need, from rows (n, ROW_WIDTH)."""
+        """Append the columns that the figures need, from rows (n, ROW_WIDTH), to those so far; skip frames."""
         first, last = self._count, self._count + len(rows)
         if last > self._columns.shape[1]:
             larger = np.empty((len(_KEPT), 2 * last))

@@ -64,7 +64,7 @@ class CampaignFile:
 
 def is_campaign_file(name: str) -> bool:
     """Whether a name is that of a shipped campaign, or of a TOML file with [[part]]."""
-    if name.startswith(PACK) or _is_part_of_a_name(name):  # the latter is refused with the whole name
+    if name.startswith(PACK) or _lacks_pack_prefix(name):  # the latter is refused with the whole name
         return True
     path = Path(name)
     if path.suffix != ".toml" or not path.is_file():
@@ -99,13 +99,13 @@ def read_campaign_file(name: str, template: CampaignRequest) -> CampaignFile:
     return CampaignFile(path, given.title or path.stem, given.description, tuple(parts))
 
 
-def _is_part_of_a_name(name: str) -> bool:
+def _lacks_pack_prefix(name: str) -> bool:
     """Whether a name is that of a shipped campaign without `pack:`, or with `pack/` in front."""
     return name.removeprefix(PACK.replace(":", "/")) in shipped_names(_FOLDER)
 
 
 def _path_of(name: str) -> Path:
-    if not name.startswith(PACK) and not _is_part_of_a_name(name):
+    if not name.startswith(PACK) and not _lacks_pack_prefix(name):
         return Path(name)
     own = name.removeprefix(PACK)
     known = shipped_names(_FOLDER)
@@ -123,8 +123,8 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
         issues.add(f"{key}.name", f"{show(part.name)}: a campaign's own file; allowed: another name")
     beside = path.parent / part.scenario
     # What is given in place of what the file varies of the same name.
-    given = {_name(each): each for each in reversed(template.vary)}
-    vary = tuple(given.get(_name(each), each) for each in part.vary)
+    given = {_varied_name(each): each for each in reversed(template.vary)}
+    vary = tuple(given.get(_varied_name(each), each) for each in part.vary)
     has_samples = any("~" in each or each.strip() == COVARIANCE for each in vary)
     samples = (template.samples or part.samples) if has_samples else 0
     request = template.replaced(
@@ -136,5 +136,5 @@ def _part_of(path: Path, issues: ConfigIssues, key: str, content: Any, template:
     return NamedCampaign(part.name, part.title or part.name, request)
 
 
-def _name(text: str) -> str:
+def _varied_name(text: str) -> str:
     return text.replace("~", "=").partition("=")[0].strip()

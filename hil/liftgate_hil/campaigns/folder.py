@@ -64,7 +64,7 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self) -> Iterator[bool]:
-        """Context that locks the folder for one campaign. Raises ConfigError where another one holds the lock.
+        """Context that locks the folder for one campaign; yields whether it could. Raises ConfigError if locked.
 
         Yields False where the file system has no locks. The kernel releases the lock when the process that took it
         ends, however it ends: a campaign with the lock knows that those that held it before have ended.
@@ -128,7 +128,7 @@ class Folder:
         return CampaignRequest.of_kept(self.manifest().get("request"))
 
     def make_way(self, names: Iterable[str], inputs: Iterable[Path], say: Say = silent) -> None:
-        """Rename foreign files that stand in the place of output files; `say` gets a note on each.
+        """Rename files of other programs in the place of output files `names`; `say` gets a note on each.
 
         Raises ConfigError, also for one of the `inputs`.
         """
@@ -204,7 +204,7 @@ class Folder:
 
 
 def data_text(base: Base, counts: Mapping[str, int]) -> str:
-    """Return a description of the results file in Markdown, with the meaning of each column."""
+    """Return a Markdown description of the results file: its columns, and the `counts` of variants by verdict."""
     rows = "\n".join(f"| `{name}` | {meaning} |" for name, meaning in description_of(base).items())
     number = sum(counts.values())
     verdicts = ", ".join(f"{count:,} {name}" for name, count in sorted(counts.items()))

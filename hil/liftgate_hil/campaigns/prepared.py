@@ -84,7 +84,7 @@ def inputs_of(found: Prepared) -> list[Path]:
 
 
 def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:
-    """Raise ConfigError where the scenario lacks the requested expectation, or this has no margin."""
+    """Raise ConfigError where a search or estimate lacks its expectation, a margin, `vary` or evaluations."""
     if request.expectation not in base.expectations:
         known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")
@@ -122,7 +122,7 @@ def _job_of(request: CampaignRequest) -> Job:
 
 
 def ecu_of(name: str, called: str) -> tuple[str, str]:
-    """Return (ECU, mutant) of an ECU argument, checked; see `ecu_and_mutant`. Raises ConfigError."""
+    """Return (ECU, mutant or "") of an ECU argument; `called` is its name in messages. Raises ConfigError."""
     if name == ON_A_BUS:
         raise ConfigError(f"`{called}` {name}: allowed: reference, mutant:NAME, a library, MODULE:CLASS")
     ecu, mutant = ecu_and_mutant(name, called)
@@ -144,7 +144,7 @@ def absolute(request: CampaignRequest) -> CampaignRequest:
 
 
 class Pace(NamedTuple):
-    """Quantities that determine the sizes of batches; a resumed campaign keeps those of its beginning."""
+    """Time per variant and number of workers, which determine batch sizes; kept when a campaign is resumed."""
 
     seconds_each: Annotated[
         float, Shown("time that a variant took in a trial before [s], from which batches are sized")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CampaignPlaces:
-    """Where a campaign runs (processes or cluster), and where its files are stored."""
+    """Where a campaign runs (processes or cluster), where its files are stored, and whether it is resumed."""
 
     output: Path
     store: str = ""  # address; "": a folder of `output`
@@ -146,7 +146,7 @@ def _run(
     store.create()
     began = time.monotonic()
     campaign = Campaign(found.base, executor, store, watcher.stopped, CampaignProgress(0), watcher.tell)
-    _note(folder, found, pace, provenance, {"is_complete": False})
+    _write_manifest(folder, found, pace, provenance, {"is_complete": False})
     analysis, is_complete, counts = stages.NOTHING, True, dict[str, int]()
     try:
         analysis = stages.evaluate(found, campaign, folder, pace)
@@ -173,8 +173,8 @@ def _run(
         summary = summary_of(folder.path / RESULTS, found.space.names, *given)
     outcome = CampaignOutcome(found, folder, campaign.progress, spent, is_complete, counts, analysis, summary)
     if outcome.summary is not None:
-        _report(outcome, provenance)
-    _note(folder, found, pace, provenance, outcome.figures.to_dict())  # at last, as it says whether all is there
+        _write_report(outcome, provenance)
+    _write_manifest(folder, found, pace, provenance, outcome.figures.to_dict())  # last: says if all is there
     folder.tidy()
     return outcome
 
@@ -197,7 +197,7 @@ def _counted(tables: Iterator[pa.Table], counts: dict[str, int]) -> Iterator[pa.
 
 
 def force_limit_of(found: Prepared) -> float | None:
-    """Return the least pinch force [N] at which an expectation fails; None: none is judged, or it is varied."""
+    """Return the least pinch force [N] that fails an expectation at once; None: no fixed limit is judged."""
     setup = found.plan.setup
     varied = {
         each.name
@@ -212,10 +212,10 @@ def force_limit_of(found: Prepared) -> float | None:
     return min(limits, default=None)
 
 
-def _note(
+def _write_manifest(
     folder: Folder, found: Prepared, pace: Pace, provenance: Provenance, results: Mapping[str, object]
 ) -> None:
-    """Write campaign.json. Raises StoreError."""
+    """Write campaign.json: results, request, pace, files and provenance. Raises StoreError."""
     folder.write_manifest(
         {
             **results,
@@ -229,7 +229,7 @@ def _note(
     )
 
 
-def _report(outcome: CampaignOutcome, provenance: Provenance) -> None:
+def _write_report(outcome: CampaignOutcome, provenance: Provenance) -> None:
     found, folder = outcome.prepared, outcome.folder
     assert outcome.summary is not None
     title = f"Campaign: {Path(found.request.scenario).stem}"

@@ -57,7 +57,7 @@ class VariedTarget(NamedTuple):
         return self.name.partition("[")[0]
 
     def limited(self, values: Floats) -> Floats:
-        """Return values (n,) clipped to the range of the target, as draws of [spread] are."""
+        """Return values (n,) clipped to the target's range, whole ones rounded down, as draws of [spread] are."""
         if self.quantity is None:
             return values
         quantity = self.quantity
@@ -74,7 +74,7 @@ class Axis(NamedTuple):
 
     @property
     def targets(self) -> tuple[VariedTarget, ...]:
-        """Targets of the axis: one."""
+        """The axis's only target, as a tuple of one."""
         return (self.target,)
 
     @property
@@ -294,7 +294,7 @@ def _covariance_of(vehicle: Vehicle, content: Table) -> Covariance:
 
 
 class Design:
-    """Design of a campaign with a known number of points: all of them, in the order of their evaluation.
+    """Design of a campaign whose points are known beforehand (grids, samples), in the order of their evaluation.
 
     All combinations of the grids, each with the same `samples` of the distributions, where there are any. What the
     scenario's precondition depends on changes slowest, so that neighbours share it.

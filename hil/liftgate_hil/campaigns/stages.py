@@ -55,7 +55,7 @@ NOTHING = Analysis({}, ())
 def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
     """Run the search or the probability estimate of a request; of a design only list the batches, see `tables`.
 
-    Raises StoppedError, StoreError, LiftgateError.
+    Raises CampaignStoppedError, StoreError, LiftgateError.
     """
     if found.request.kind == WORST:
         return _search(found, campaign, folder)
@@ -104,7 +104,7 @@ def _estimate(found: Prepared, campaign: Campaign) -> Analysis:
 
 
 def tables(found: Prepared, campaign: Campaign) -> Iterator[pa.Table]:
-    """Return the result tables of all batches; a design's are evaluated now. Raises as `evaluate`."""
+    """Iterate over the result tables of all batches; a design's are only evaluated now. Raises as `evaluate`."""
     return campaign.tables(campaign.asked) if found.design is None else campaign.evaluated(campaign.asked)
 
 
@@ -129,7 +129,7 @@ def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
 def evaluate_against(
     found: Prepared, campaign: Campaign, folder: Folder, executor_of: Callable[[Base], Executor]
 ) -> Analysis:
-    """Evaluate the same variants with the second ECU (`against`), and compare. Raises as `evaluate`."""
+    """Evaluate the same variants with the second ECU, write the results, and compare. Raises as `evaluate`."""
     base = found.against
     assert base is not None
     executor = executor_of(base)
@@ -165,7 +165,7 @@ def tried(found: Prepared) -> float:
 
 
 def _check(evaluator: Evaluator, space: Space) -> list[float]:
-    """Return the values of a valid variant, if possible the middle of the space. Raises ConfigError."""
+    """Return the values of a valid variant, the middle if possible; check grid values too. Raises ConfigError."""
     dimensions = len(space.targets)
     shares = np.vstack([np.full((1, dimensions), 0.5), shares_of(dimensions, _POINTS, "sobol", 0)])
     points: list[list[float]] = space.values(shares)[: _POINTS if dimensions else 1].tolist()

@@ -30,7 +30,7 @@ class StoreError(LiftgateError):
 
 
 def reason_of(error: Exception) -> str:
-    """Return the text of an error; of a system error only the system's, as libraries wrap it in their own."""
+    """Return an error's message; of an OSError only the system's (strerror), as libraries wrap it in their own."""
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
     return words_of(error)
@@ -126,7 +126,7 @@ class Store:
         return {each.removesuffix(SUFFIX) for each in found if each.endswith(SUFFIX) and not each.startswith(".")}
 
     def tidy(self, owners: Collection[str]) -> None:
-        """Remove the temporary files of campaigns that have ended: what killed processes have left."""
+        """Remove temporary files left by killed processes, of ended campaigns with the tokens `owners`."""
         if not self._is_remote:
             remove_leftovers(Path(self.address))  # by their locks
         with contextlib.suppress(Exception):

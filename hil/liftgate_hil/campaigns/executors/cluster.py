@@ -149,7 +149,7 @@ class Cluster:
         )  # fmt: skip
 
     def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, TaskResult | None]]:
-        """Yield ended tasks with their results, fetched together where possible; None as in `_answer`."""
+        """Yield ended tasks with their results, fetched together if possible; None: submit the batch again."""
         futures = futures[:_TOGETHER]
         good = [each for each in futures if each.status == "finished"]
         fetched: dict[Any, TaskResult] = {}
@@ -202,7 +202,7 @@ class _Watch:
         return bool(self._client.status == "running")
 
     def look(self, threads: Callable[[], Mapping[str, int]]) -> int:
-        """Return the workers' number of threads, which is queried from the scheduler at intervals.
+        """Return the workers' number of threads, which `threads` queries from the scheduler at intervals.
 
         Raises GoneError where the scheduler or its workers have been gone for too long.
         """
@@ -222,7 +222,7 @@ class _Watch:
 
 
 def within(seconds: float, ask: Callable[[], Any]) -> Any:
-    """Return the result of a call with a timeout [s], as calls of Dask's client may block for ever.
+    """Return the result of calling `ask`, waiting at most `seconds`, as calls of Dask's client may block for ever.
 
     Raises TimeoutError, and what the call raises.
     """

@@ -56,7 +56,7 @@ class Slot:
         self._heard, self._moved, self._messages = Stillness(), Stillness(), 0
 
     def begin(self, values: Floats) -> None:
-        """Begin to evaluate a batch of variants (n, d)."""
+        """Begin to evaluate a batch of variants (n, d) in the worker; `look` returns whether it is done."""
         self._values, self.rows = values, []
         self._deaths.clear()
         self._is_single = False

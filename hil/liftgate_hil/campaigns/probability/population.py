@@ -41,7 +41,7 @@ class Cells:
     """Partition of standard normal space into `count` cells, which have `probabilities` (count,)."""
 
     def __init__(self, pockets: Floats, connected: Iterable[tuple[int, int]], most: int, seed: int) -> None:
-        """Make a cell for each pocket (k, d), none at the origin; connected or near pockets share a cell."""
+        """Make up to `most` cells, one per pocket (k, d), none at the origin; connected or near ones share one."""
         count, dimension = pockets.shape
         self.dimension = dimension
         self._directions = pockets / np.linalg.norm(pockets, axis=1)[:, None]
@@ -86,7 +86,7 @@ class Cells:
 
 
 def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:
-    """Return all pairs of pockets, and the points (pairs * 3, d) between; of a connected pair all fail."""
+    """Return all pairs (i, j) of pockets, and points (pairs * 3, d) between; a pair is connected if all fail."""
     pairs = [(i, j) for i in range(len(pockets)) for j in range(i)]
     places = np.array(_BETWEEN)[:, None]
     lines = [pockets[i] + places * (pockets[j] - pockets[i]) for i, j in pairs]
@@ -94,7 +94,7 @@ def between(pockets: Floats) -> tuple[list[tuple[int, int]], Floats]:
 
 
 class SubsetLevel(NamedTuple):
-    """Level of subset simulation: a margin threshold that a run has reached; its last one is failure."""
+    """Level of subset simulation: a margin threshold that a run has reached; the last level is failure."""
 
     cell: int
     run: int
@@ -195,10 +195,10 @@ def _next_threshold(margins: Floats) -> float | None:
 def _moved(
     run: Run, seeds: _State, threshold: float, size: int, rng: np.random.Generator
 ) -> Generator[Floats, Floats, _State]:
-    """Return `size` points at or below the threshold: the seeds, and Markov chains that start at them.
+    """Generator: run Markov chains from the seeds to `size` points at or below a threshold; return all of them.
 
-    A proposal is √(1 - s²) z + s ξ (Papaioannou et al.). One outside the cell is rejected and costs
-    no evaluation. The chains move at once; after each step the length s is adapted to how many were accepted.
+    It yields proposals, √(1 - s²) z + s ξ (Papaioannou et al.), and is sent their margins. One outside the cell is
+    rejected and costs no evaluation. After each step of all chains, s is adapted to how many were accepted.
     """
     order = rng.permutation(len(seeds.points))
     points, margins, length = seeds.points[order], seeds.margins[order], seeds.length

@@ -112,7 +112,7 @@ class Mixture:
         return ratios
 
     def _add(self, sample: Sample) -> list[Sample]:
-        """Add a component for a sample, or return the sample's halves where it is too wide for one component.
+        """Add a component for a sample, and return []; or return the sample's halves if too wide for one.
 
         Of n independent standard normal points, the variances along the principal axes are up to (1 + √(d / n))²
         (Marchenko and Pastur 1967): below, a larger one is noise.
@@ -244,7 +244,7 @@ class _Simulation:
         return [populations[i * cells.count : (i + 1) * cells.count] for i in range(len(numbers))]
 
     def _monte_carlo(self) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the Monte Carlo estimate: the share of failures among independent points."""
+        """Generator that returns the Monte Carlo estimate: the share of failures among independent points."""
         count = self._left
         margins = yield self._rng(2).standard_normal((count, self._dimension))
         failed = int(np.sum(margins < 0.0))
@@ -260,7 +260,7 @@ class _Simulation:
         return self._estimate("subset simulation", 0.0, math.inf, (0.0, high))
 
     def _about_pockets(self, bound: SubsetEstimate) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the importance sampling estimate around the pockets, where no population has failed."""
+        """Generator that returns the importance sampling estimate around the pockets; `bound` if none fails."""
         if not len(self._pockets):
             return bound
         mixture = self._mixture([])
@@ -276,7 +276,7 @@ class _Simulation:
     def _importance(
         self, cells: Cells, runs: Sequence[Cellwise]
     ) -> Generator[Floats, Floats, SubsetEstimate | None]:
-        """Return the estimate of importance sampling, or None where the mixtures do not cover the failures."""
+        """Generator that returns the importance sampling estimate; None: mixtures do not cover the failures."""
         limit = _LIMIT * float(np.mean([_probability(run) for run in runs]))
         if all(_probability(run) > 0.0 for run in runs):
             apart = [
@@ -313,7 +313,7 @@ class _Simulation:
     def _larger(
         self, cells: Cells, runs: list[list[Population]], size: int
     ) -> Generator[Floats, Floats, SubsetEstimate]:
-        """Return the populations' estimate, with one more population for the remaining evaluations."""
+        """Generator that returns the populations' estimate, with one more population for the evaluations left."""
         spent = sum(1.0 + (len(each.levels) - 1) * (1.0 - SHARE) for run in runs for each in run) / len(runs)
         larger = int(_LEFT * self._left / spent)
         shares = np.full(len(runs), float(size))
@@ -366,7 +366,7 @@ def _weighted_samples(cells: Cells, points: Floats, weights: Floats) -> list[Sam
 
 
 def _coverage(mixture: Mixture, runs: Sequence[Cellwise], limit: float) -> _Coverage:
-    """Return how many of the runs' failing points a mixture covers with weights of at most `limit`."""
+    """Return the share of the runs' failing points at which a mixture's importance weight is at most `limit`."""
     total = sum(_probability(run) for run in runs)
     share = weight = chains = 0.0
     apart = []  # of each run: its share of the total, covered and in all

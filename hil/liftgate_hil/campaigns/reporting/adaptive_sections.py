@@ -28,7 +28,7 @@ def least_of(history: Sequence[Evaluated]) -> Evaluated | None:
 
 
 def first_failure(history: Sequence[Evaluated]) -> int | None:
-    """Return the number of evaluations up to the first failure; None: there is none."""
+    """Return the number of evaluations up to the first failure, itself included; None: there is none."""
     return next((each.number for each in history if each.fails), None)
 
 

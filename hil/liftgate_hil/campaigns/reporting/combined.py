@@ -32,7 +32,7 @@ class PartResult(NamedTuple):
 def combined_report(
     title: str, description: str, parts: Sequence[PartResult], provenance: Provenance, has_all: bool, ecu: str
 ) -> str:
-    """Return the report's HTML page; `has_all`: no campaign is missing. `ecu` names the ECU."""
+    """Return a report of several campaigns as HTML; `has_all`: none is missing. `ecu` names the ECU."""
     number = sum(each.summary.count for each in parts)
     is_complete = has_all and all(each.is_complete for each in parts)
     return page(
@@ -74,7 +74,7 @@ def _evidence(part: PartResult, number: int) -> str:
 
 
 def by_value(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return a table of pinch forces by the value that explains most of them; "": it has too many values."""
+    """Return an HTML table of pinch forces by the varied value that explains most of them; "": too many values."""
     top = next(iter(summary.force_indices), None)
     if top is None:
         return ""

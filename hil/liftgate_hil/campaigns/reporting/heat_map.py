@@ -103,7 +103,7 @@ def label_of(name: str, units: Mapping[str, str]) -> str:
 
 
 def breakable(label: str) -> Markup:
-    """Return a label as HTML whose lines may break within a key."""
+    """Return a label as HTML that may wrap after each dot and underscore."""
     return Markup(re.sub(r"([._])", r"\1<wbr>", text(label)))
 
 

@@ -60,7 +60,7 @@ def report(
     choice: Choice = "sample",
     ecu: str = REFERENCE,
 ) -> str:
-    """Return the report's HTML page; `units` are those of varied names, `more` are further sections.
+    """Return a campaign's report as an HTML page; `units` are those of varied names, `more` are further sections.
 
     `choice` is how the variants were chosen: only of a random sample a share is a probability. `ecu` names the
     ECU.
@@ -92,7 +92,7 @@ def has_forces(summary: CampaignSummary) -> bool:
 
 
 def tiles(summary: CampaignSummary, choice: Choice = "sample") -> str:
-    """Return the most important numbers as HTML tiles; `choice` as for `report`."""
+    """Return key numbers (variants, failures, forces, errors) as HTML tiles; `choice` as for `report`."""
     total, failed = summary.count, summary.counts.get("fail", 0)
     wrong = summary.counts.get("error", 0)
     decided = total - wrong - summary.counts.get("inconclusive", 0)
@@ -136,7 +136,7 @@ def interval(failed: int, count: int) -> str:
 
 
 def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return the result in a sentence or two, as HTML; `units` are those of varied names."""
+    """Return a campaign's result in a sentence or two, as HTML; `units` are those of varied names."""
     counts = summary.counts
     failed = counts.get("fail", 0)
     decided = summary.count - counts.get("error", 0) - counts.get("inconclusive", 0)

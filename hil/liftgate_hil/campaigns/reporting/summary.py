@@ -34,7 +34,7 @@ _ERRORS = 5  # kinds of errors that are listed
 
 
 class Index(NamedTuple):
-    """First-order Sobol index of a varied value."""
+    """First-order Sobol index of a varied value, with the lowest and the highest class mean of the result."""
 
     name: str
     first_order: float  # 0 to 1
@@ -212,7 +212,7 @@ class _Judged:
         self._least, self._variant = math.nan, ""
 
     def take(self, part: Any) -> None:
-        """Add the rows of a part of the result file."""
+        """Add the rows of a part of the result file to the counts and the smallest margin."""
         self._counts.update(part[f"{JUDGED}{self._name}"].to_pylist())
         margins = numbers_in(part, f"{MARGIN}{self._name}")
         known = np.isfinite(margins)
@@ -229,7 +229,7 @@ class _Judged:
 
 
 def _worst(file: Any, varied: Sequence[str], driver: str) -> list[WorstVariant]:
-    """Return the variants with the smallest margins, or the largest forces."""
+    """Return up to _WORST variants, worst first: smallest margins, or largest forces if `driver` is the force."""
     is_margin = driver.startswith(MARGIN)
     columns = list(dict.fromkeys((VARIANT, *varied, VERDICT, driver, FORCE)))
     found: list[tuple[float, int, WorstVariant]] = []

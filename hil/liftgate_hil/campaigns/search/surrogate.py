@@ -29,7 +29,7 @@ def _matern(a: Floats, b: Floats) -> Floats:
 
 
 class Surrogate:
-    """Gaussian process on the warped margins, whose length scales are improved from batch to batch."""
+    """Gaussian process on warped margins (see `warp`), whose length scales are improved from fit to fit."""
 
     def __init__(self, d: int, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -62,7 +62,7 @@ class Surrogate:
         return float(1.0 - (errors**2).mean() / self._spread) if self._spread else 0.0
 
     def warp(self, margins: Any) -> Floats:
-        """Return margins scaled by their spread below the median; logarithmic above, where none matters."""
+        """Return (margins - median) / spread below the median; logarithmic above, where they matter less."""
         t = (np.asarray(margins, dtype=np.float64) - self._middle) / self._unit
         return np.where(t > 0.0, np.log1p(np.maximum(t, 0.0)), t)
 

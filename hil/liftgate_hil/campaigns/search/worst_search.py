@@ -90,7 +90,7 @@ class CmaDescent:
         return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
 
     def tell(self, margins: Floats) -> None:
-        """Pass the finite margins of the points `asked` to the optimiser; NaN: no verdict."""
+        """Pass finite margins of the points `asked` to CMA-ES, and update `best` and `over`; NaN: no verdict."""
         judged = ~np.isnan(margins)
         if not judged.any():
             self.over = True
@@ -124,7 +124,7 @@ class SearchEnd:
 
 
 def worst_search(levels: Sequence[int], budget: int, seed: int) -> Generator[Floats, Floats, SearchEnd]:
-    """Search the unit cube for the smallest margin.
+    """Generator that searches the unit cube for the smallest margin.
 
     Yields points (n, d) and is sent their margins (n,); NaN is no verdict, infinities are allowed. `levels` holds
     0 for a continuous dimension, k for one of k equally probable values. No point is evaluated twice.
@@ -267,7 +267,7 @@ class _Search:
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
     def _dip(self) -> Floats | None:
-        """Return the exploring point farthest below its prediction, if far: perhaps near a failure region."""
+        """Return the exploring point farthest below its prediction, perhaps near failures; None: none is far."""
         if len(self._checks) < 16:  # too few for a robust deviation
             return None
         errors = np.array([c[1] - c[0] for c in self._checks])
@@ -281,7 +281,7 @@ class _Search:
         return None
 
     def _generation(self, x: Floats, f: Floats) -> list[Floats]:
-        """Return the points of a descent's next generation where it is due, else none."""
+        """Return the next generation of a descent, which is begun or continued, if it is due; else []."""
         best, dip = float(f.min()), self._dip()
         d = self._descent
         if d is not None:
@@ -306,7 +306,7 @@ class _Search:
         return list(d.asked)
 
     def _start(self, x: Floats, f: Floats, dip: Floats | None) -> CmaDescent | None:
-        """Begin a descent: in a dip, late from the worst point, or from a bad one far from earlier descents."""
+        """Begin a descent in a dip, late at the worst point, else at a bad one far from others; None: no start."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
         if dip is not None:
@@ -339,7 +339,7 @@ class _Search:
         return self._surrogate.choose(pool, [(below, zero)[j % 2] for j in range(n)])
 
     def _pool(self, worst: Floats) -> Floats:
-        """Return new candidate points (n, d): uniform ones, and steps of four sizes from the worst points."""
+        """Return candidate points (n, d) not proposed yet: uniform ones, and steps of four sizes from `worst`."""
         d = len(self._levels)
         parts = [self._rng.random((POOL, d))]
         for size in (0.2, 0.07, 0.02, 0.005):
