@@ -55,7 +55,7 @@ class Track:
 
 
 def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOptions = AS_IT_IS) -> Measurement:
-    """Read a bus log as a measurement, decoded by a rig. Raises ConfigError."""
+    """Read a bus log as a measurement; `before` has panel inputs until frames state them. Raises ConfigError."""
     rig = replace(
         rig,
         inputs=tuple(wire for wire in rig.inputs if wire.quantity in (*_COMMANDS, *_PANEL)),

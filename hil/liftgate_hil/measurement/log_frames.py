@@ -72,7 +72,7 @@ class _Watch:
         self.silences: list[tuple[float, float]] = []
 
     def see(self, times_ns: NDArray[np.int64]) -> None:
-        """Process the timestamps [ns] of the next frames."""
+        """Extend the span and the silences by the timestamps [ns] of the next frames."""
         if not len(times_ns):
             return
         before = self._last if self._last > -(2**62) else int(times_ns[0])

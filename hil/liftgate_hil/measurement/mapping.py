@@ -28,7 +28,7 @@ _SCALED = re.compile(r"(?P<name>.+?)\s*\*\s*(?P<scale>[-+]?[\d.]+(?:[eE][-+]?\d+
 
 
 def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
-    """Return the conversion of a unit to that of a known column; None: the unit measures something else.
+    """Return (factor, offset) from a unit to that of a known column; None: the unit measures something else.
 
     `known` are the columns of this program.
     """

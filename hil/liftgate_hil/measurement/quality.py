@@ -26,7 +26,7 @@ def noted(measurement: Measurement, note: str) -> Measurement:
 
 
 def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measurement:
-    """Return the measurement with the rows `kept` only."""
+    """Return the measurement with the rows `kept` (indices or a slice) only."""
     return replace(
         measurement,
         times=measurement.times[kept],
@@ -170,7 +170,7 @@ class Gaps:
 
 
 def usual_spacing(times: Floats) -> float:
-    """Return the median distance of samples [s]."""
+    """Return the median distance of samples [s]; infinite for fewer than two samples."""
     return float(np.median(np.diff(times))) if len(times) > 1 else math.inf
 
 
@@ -274,7 +274,7 @@ def explained(measurement: Measurement, side: str, values: Floats, known: KnownV
 
 
 def find_outliers(measurement: Measurement, known: KnownVehicle) -> Mapping[str, NDArray[np.int64]]:
-    """Return the rows of outliers of each output column that has any."""
+    """Return the rows of outliers of each output column that has any; Hall counts are not checked."""
     found = {}
     for name, values in measurement.columns.items():
         if name in OUTPUTS and not name.endswith("hall_count"):

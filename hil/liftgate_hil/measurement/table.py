@@ -66,7 +66,7 @@ def read_table(path: Path, file: Recording, mapping: ColumnMap) -> Measurement:
 def read_series(
     path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds
 ) -> tuple[TableReading, dict[str, FileColumn], Floats | None]:
-    """Read a file's columns of these kinds, in the units of the known columns, and the times of its rows.
+    """Read a file's columns of some kinds, in known units; return the reading's state, the columns, and row times.
 
     The times are None if each column has its own. Raises ConfigError with all issues.
     """
@@ -131,7 +131,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> T
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
-    """Choose between columns that drive the same motor: mapped ones first, in a recording the duties."""
+    """Remove from `names` columns that a mapped one replaces as a motor's input, and a recording's voltages."""
     if recorded:
         for name in _VOLTAGES:
             if name not in mapping:
@@ -246,7 +246,7 @@ def _own_samples(series: FileColumn, shared: Floats | None) -> tuple[Floats, Flo
 
 
 def misspelt(reading: TableReading, ours: Iterable[str]) -> dict[str, str]:
-    """Return notes on unread columns that nearly have the name of a known one, by their names in the file."""
+    """Return notes on unread columns whose name resembles a missing one of `ours`, by their names in the file."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
     taken = set(reading.names.values())
@@ -276,7 +276,7 @@ def _unread_slope(reading: TableReading) -> list[str]:
 def _measurement(
     reading: TableReading, times: Floats, own: Mapping[str, tuple[Floats, Floats]], by_rows: bool
 ) -> Measurement:
-    """Build the measurement from the columns' samples: all columns over one time base."""
+    """Build the measurement from the columns' samples: all columns over one time base. Raises ConfigError."""
     columns: dict[str, Floats] = {}
     notes = [*reading.file.notes, *_unread_slope(reading), *misspelt(reading, KNOWN).values()]
     start = times[0] if len(times) else 0.0
@@ -331,7 +331,7 @@ def _is_slower_raster(times: Floats, at: Floats) -> bool:
 
 
 def shift_inputs(columns: dict[str, Floats]) -> None:
-    """Shift inputs by a row: a recorded one led to its row, a measurement's holds from its row on.
+    """Shift inputs up by a row, in place: a recorded one led to its row, a measured one holds from its row on.
 
     After the last row nothing is known, or needed: the last value is repeated.
     """

@@ -35,7 +35,7 @@ WITHOUT = np.dtype([("count", "i8"), ("time_ns", "i8"), ("value", "f8")])
 def events_in(
     layout: BusConfig, frames: Frames, times: Integers, quantities: int, by_signal: bool
 ) -> tuple[Integers, Integers, Floats, Counts, Any]:
-    """Decode frames to events; return their times [ns], quantities, values, frame counts, and invalid values.
+    """Decode frames to events; return their times [ns], quantity indices, values, frame counts, invalid values.
 
     `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities. Where a
     signal has a value that its quantity has not, the gate refuses the frame; read `by_signal`, as of what others
@@ -101,7 +101,7 @@ def walk(
 def note_without(
     layout: BusConfig, message: int, frames: Frames, frame: int, now: int, read: Floats, without: Any
 ) -> None:
-    """Count in `without` the signals of a frame whose values are out of range."""
+    """Count in `without` the signals of a frame whose values are out of range; store each first time and value."""
     table = layout.messages[message]
     for row in range(table.first, table.first + table.count):
         if np.isnan(read[row]) and selected(layout, row, frames.data, frame):
@@ -115,7 +115,7 @@ def note_without(
 def note_stale(
     layout: BusConfig, current: Reception, now: int, at: Integers, which: Integers, values: Floats, used: int
 ) -> int:
-    """Record events for messages that have timed out by now, and forget them; return the number of events."""
+    """Record NaN events for messages that have timed out by now, and reset them; return the number of events."""
     for message in range(len(layout.messages)):
         table = layout.messages[message]
         seen = current.seen_ns[message]
