@@ -158,7 +158,7 @@ def put_always_received(faults: BusFaults, frames: Frames, room: Frames) -> int:
 
 @compilable
 def overdue(faults: BusFaults, room: Frames, direction: int, now_ns: int) -> int:
-    """Move the delayed frames that are due from the queue to `room`; return their number."""
+    """Move the delayed frames that are due in a direction from the queue to `room`; return their number."""
     count, kept = 0, 0
     queue = faults.queue
     for i in range(faults.waiting[0]):
@@ -271,7 +271,7 @@ def next_in_chain(faults: BusFaults, shares: NDArray[np.float64], row: int) -> i
 
 @compilable
 def drawn(fault: Any, seed: int) -> float:
-    """Return the next random number of a fault, 0 to 1."""
+    """Draw the next random number of a fault, uniform from 0 to 1."""
     fault.draws += 1
     return uniform(seed ^ fault.seed, fault.draws, 0)
 

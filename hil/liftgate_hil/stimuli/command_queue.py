@@ -140,7 +140,7 @@ def post_fault(
 
 
 def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float, rest: float, layer: int) -> None:
-    """Post a value for a restbus signal in a layer, valid from the next tick on; see COMMAND."""
+    """Post a restbus signal's value in a layer, valid from the next tick on; `instead_of`, `rest`: see COMMAND."""
     command = _next_of(queue)
     command.what, command.place, command.value = _SIGNAL, place, value
     command.instead_of, command.rest, command.layer = instead_of, rest, layer
@@ -154,7 +154,7 @@ def post_reset(queue: CommandQueue) -> None:
 
 
 def _next_of(queue: CommandQueue) -> Any:
-    """Return the row for the next command; the loop reads it once `head` is advanced."""
+    """Return the row for the next command, if there is room; the loop reads it once `head` is advanced."""
     return queue.commands[int(queue.head[0]) % LENGTH]
 
 
@@ -168,7 +168,7 @@ def take_commands(
     tester: Tester,
     now: float,
 ) -> None:
-    """Apply the posted commands at a time [s] of the scenario."""
+    """Take all posted commands from the queue and apply them at a time [s] of the scenario."""
     posted = queue.head[0]
     while queue.head[1] < posted:
         at = queue.head[1] % LENGTH

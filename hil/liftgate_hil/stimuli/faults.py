@@ -133,7 +133,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 @outlined
 def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Update the shares of all faults and the constants in force; return whether these have changed."""
+    """Update all faults' shares and the constants in force at a time [s]; return whether these have changed."""
     faults.next[0] = _FOREVER
     changed, bits = False, 0
     for place in range(len(faults.rows)):

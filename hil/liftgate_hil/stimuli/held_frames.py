@@ -59,7 +59,7 @@ def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Fra
 
 @compilable
 def keep_last(faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int) -> None:
-    """Store a message's last frame as it was delivered."""
+    """Store a message's last frame as it was delivered, in `faults.last` if that is used."""
     if message < faults.last.shape[1]:
         keep(faults.last[direction - 1, message], bus, message, frames, place)
 

@@ -170,7 +170,7 @@ def note_frames_for(moments: Moments, frames: Frames) -> None:
 
 @compilable
 def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Update signals and moments from a tick; return whether any moment has come with the tick."""
+    """Update signals and moments from a tick's row and frames; return whether any moment has come with it."""
     if len(moments.bus.messages) > 0:
         note_frames_for(moments, given)
         note_frames_for(moments, heard)

@@ -37,7 +37,7 @@ class Request:
 
 
 def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
-    """Return requests as a table for the loop: sorted by time, then those that wait for a condition."""
+    """Return requests as a table for the loop: sorted by time, then those that wait for a condition in `sheet`."""
     rows = []
     for each in requests:
         time, moment = sheet.place(each.when)
@@ -99,7 +99,7 @@ def take_due(requests: Requests, moments: Moments, now_ns: int) -> int:
 
 @compilable
 def note_made(requests: Requests, place: int) -> None:
-    """Mark a request as made."""
+    """Mark a request as made, and count the leading requests that are made."""
     requests.rows[place].is_made = 1
     while requests.made[0] < len(requests.rows) and requests.rows[requests.made[0]].is_made != 0:
         requests.made[0] += 1

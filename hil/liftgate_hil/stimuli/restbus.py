@@ -194,7 +194,7 @@ def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
 
 @compilable
 def settle(restbus: Restbus, place: int) -> None:
-    """Set a restbus signal to the value of the highest layer that has one."""
+    """Set a restbus signal to the value of the highest layer that has one, else to its scheduled value."""
     value = restbus.scheduled[place]
     for layer in range(len(restbus.commanded)):
         if not np.isnan(restbus.commanded[layer, place]):

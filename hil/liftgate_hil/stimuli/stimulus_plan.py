@@ -101,7 +101,7 @@ def stimulus_plan_of(
     bus: Bus = NOTHING_SENT,
     opening: Opening = CLOSED,
 ) -> StimulusPlan:
-    """Build the stimulus plan of a gate with these constants, before the first tick."""
+    """Build a gate's stimulus plan before the first tick; `condition_of` parses the condition of an instant."""
     tables = bus.tables
     sheet = Sheet()
     timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
@@ -129,7 +129,7 @@ def stimulus_plan_of(
 
 @compilable
 def not_made(stimuli: StimulusPlan) -> float:
-    """Return the number of stimuli that could not be applied."""
+    """Return the number of stimuli so far that could not be applied."""
     return float(stimuli.not_made[0] + stimuli.not_made[1])
 
 

@@ -86,7 +86,7 @@ def timeline_of(
 
 @compilable
 def value_at(timeline: Timeline, place: int, time: float) -> float:
-    """Return a profile's value at a time [s]; NaN before the first knot, the last value after the last knot."""
+    """Return a profile's value at a time [s]; NaN: no profile, or before its first knot; held after the last."""
     profile = timeline.channels[place]
     if profile.count == 0:
         return np.nan
@@ -136,14 +136,14 @@ def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
 
 @compilable
 def supply_rise_over(timeline: Timeline, time: float, step: float) -> float:
-    """Return the supply voltage's rise [V] over the step [s] that begins at a time [s]."""
+    """Return the supply profile's rise [V] over the step [s] that begins at a time [s]; 0: there is no profile."""
     rise = rise_over(timeline, _SUPPLY, time, step)
     return 0.0 if np.isnan(rise) else rise
 
 
 @compilable
 def obstacle_at(timeline: Timeline, moments: Moments, time: float) -> Obstacle:
-    """Return the obstacle that is present at a time [s]; of several, the first in the file."""
+    """Return the obstacle that is present at a time [s], of several the first in the file; NO_OBSTACLE: none."""
     table = timeline.obstacles
     for place in range(len(table)):
         row = table[place]
@@ -173,7 +173,7 @@ NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
 
 @compilable
 def is_same_place(a: Obstacle, b: Obstacle) -> bool:
-    """Whether two obstacles are at the same place, so that the obstacle has not moved."""
+    """Whether obstacle `a` is present and at the same place as `b`, so that it has not moved."""
     return (
         a.stiffness > 0.0
         and a.angle == b.angle
@@ -186,7 +186,7 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
 
 @compilable
 def armed(arming: ObstacleArming, obstacle: Obstacle, angle: float) -> tuple[ObstacleArming, Obstacle]:
-    """Return the new arming state, and the obstacle as it acts on the gate.
+    """Return the new arming state, and the obstacle that acts on the gate: NO_OBSTACLE before it was clear of it.
 
     An obstacle that is put where the gate already is (a rod under the closed gate) does not act before the gate
     has been clear of it.
