@@ -53,7 +53,7 @@ _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without a durati
 
 
 def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
-    """Read the plant's inputs in a table from time 0 on, its columns mapped; return them, and notes.
+    """Read a table's plant inputs by a column map, their first sample at time 0; return them, and notes.
 
     Raises ConfigError with all issues.
     """
@@ -204,7 +204,7 @@ class _Course:
         self.is_complete = False
 
     def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
-        """Yield the blocks of rows until stopped, and record the time reached."""
+        """Yield the blocks of rows until `stopped`, and record and report the time reached."""
         for block in blocks:
             if stopped():
                 return
