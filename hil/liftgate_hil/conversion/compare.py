@@ -243,7 +243,7 @@ def _time_tolerance_s(request: CompareRequest) -> float:
 def _draw(
     target: Path, tables: tuple[Recording, Recording], found: Comparison, request: CompareRequest, say: Say
 ) -> None:
-    """Plot the requested columns of both recordings, else up to _PICTURED that differ, and the usual ones."""
+    """Plot the requested columns of both recordings, else up to _PICTURED: those that differ, then usual ones."""
     from liftgate_hil.conversion.figures.columns import one_of_each, panels_of, two_pictures, usual_columns
     from liftgate_hil.conversion.sheet import write_picture
 

@@ -96,14 +96,14 @@ def in_words(frame: np.void, offset_ns: int = 0) -> str:
 
 
 class _Frames:
-    """Reader of a recording's frames that holds as many in memory as are needed."""
+    """Reader of a recording's frames, with one block at a time in memory."""
 
     def __init__(self, source: Recording) -> None:
         self._blocks = source.frames()
         self.block = no_logged()
 
     def fill(self) -> bool:
-        """Read on until `block` holds frames; return whether it does."""
+        """Read on until `block` holds frames; return False if the recording has no more."""
         while not len(self.block):
             following = next(self._blocks, None)
             if following is None:

@@ -131,7 +131,7 @@ def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
 
 
 def _notes_about(source: Recording, target: Path) -> list[str]:
-    """Return the note on provenance that the target cannot hold in full. Raises ConfigError if it is damaged."""
+    """Return a note if the target cannot hold the whole provenance, else []. Raises ConfigError if damaged."""
     try:
         lines_about(source.about)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -149,7 +149,7 @@ def _notes_about(source: Recording, target: Path) -> list[str]:
 
 
 def _notes_on_units(table: Recording, target: Path) -> list[str]:
-    """Return the note on units that the target's text format loses, as no column name states them."""
+    """Return a note if the target's text format loses units that no column name states, else []."""
     units = [
         f"{name}: {each.unit}"
         for name, each in table.signals.items()
@@ -163,7 +163,7 @@ def _notes_on_units(table: Recording, target: Path) -> list[str]:
 
 
 def _notes_on_marks(source: Recording, target: Path) -> list[str]:
-    """Return the note on marks that the target's format cannot hold, or whose text it changes."""
+    """Return a note if the target's format cannot hold the marks, or changes their text, else []."""
     if source.marks and target.suffix not in WITH_MARKS:
         able = ", ".join(WITH_MARKS)
         return [
@@ -197,7 +197,7 @@ def _written(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> Converted:
-    """Write a temporary file beside the target; once complete, set an older target aside and rename it."""
+    """Write to a temporary file, set an older target aside and rename the file; write to a pipe directly."""
     is_file, asides = not is_special(target), list[Path | None]()
 
     def make_way() -> None:
@@ -227,7 +227,7 @@ def _copied(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> _Copied:
-    """Copy the source into a stream, or the target itself, until stopped. Raises RecordingError, ConfigError."""
+    """Copy the source into a stream (None: the target) until stopped. Raises RecordingError, ConfigError."""
     signals = plan.table.signals if plan.table else {}
     content = Content(
         columns=list(signals),
@@ -305,7 +305,7 @@ class _Copied:
         self.frames += len(frames)
 
     def _marks_up_to(self, time_s: float) -> None:
-        """Copy the marks up to a time [s] that are not yet copied."""
+        """Copy the marks up to and including a time [s] that are not yet copied."""
         for mark in self._plan.marks[self.marks :]:
             if mark[0] > time_s or self._ended():
                 return

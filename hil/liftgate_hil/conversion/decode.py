@@ -158,7 +158,7 @@ class Decoder:
         return there
 
     def _fill(self, table: Floats) -> None:
-        """Fill the gaps of each signal's column with its last value."""
+        """Replace NaN in each signal's column by its last value, also from the blocks before."""
         rows = np.arange(len(table))[:, np.newaxis]
         since = np.maximum.accumulate(np.where(np.isnan(table), -1, rows), axis=0)
         held = np.take_along_axis(table, np.maximum(since, 0), axis=0)
@@ -167,7 +167,7 @@ class Decoder:
 
 
 def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message]) -> list[Message]:
-    """Return those of the messages of which there are frames."""
+    """Return those messages of which there is a frame in the blocks; remote and error frames do not count."""
     found: set[int] = set()
     for block in blocks:
         sound = block["identifier"] & (REMOTE | ERROR) == 0

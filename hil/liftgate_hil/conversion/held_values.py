@@ -58,7 +58,7 @@ class HeldValues:
         self._forget()
 
     def _windows(self, place: int, until: int, known: tuple[int, int]) -> _Windows:
-        """Return the windows of rows that can be compared: up to `until`, within the other's times (`known`)."""
+        """Return the windows of a recording's rows to compare: up to `until`, within the other's span `known`."""
         own, other, tolerance = self._rows[place].times, self._rows[1 - place].times, self._tolerance
         begin = self._done[place]
         # A row holds until the next one.
@@ -79,6 +79,7 @@ class HeldValues:
         return _Windows(len(rows), rows[places], begin + places, begins, held, low, high)
 
     def _compared(self, parts: list[_Windows], order: Places, column: int) -> Compared:
+        """Return a column's values at the rows of both recordings, sorted by `order`."""
         own, near = [], []
         for place, part in enumerate(parts):
             values = self._rows[place].values[part.places, column]
@@ -113,7 +114,7 @@ class _Windows(NamedTuple):
     high: Places  # (m,) row after the last one in the window
 
     def nearest(self, values: Floats, others: Floats) -> Floats:
-        """Return for each row's value the nearest of the other recording's values, at its worst window, (n,)."""
+        """Return (n,) for each row's value the nearest one of the other recording in the least fitting window."""
         if not len(values):
             return values
         least, largest, lacks = _extremes(others, self.low, self.high)
@@ -141,7 +142,7 @@ def _smallest(low: Places, high: Places, held: Places) -> tuple[Places, Places, 
 
 
 def _extremes(values: Floats, low: Places, high: Places) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return least, largest and whether one is NaN of values[low:high] (m,), by overlapping powers of two."""
+    """Return (m,) the least and the largest of values[low:high], NaN aside, and whether any of them is NaN."""
     least, largest, lacks = values, values, np.isnan(values)
     found = np.empty(len(low)), np.empty(len(low)), np.zeros(len(low), dtype=bool)
     width, power = high - low, 1

@@ -90,7 +90,7 @@ def ns_of(times: Floats) -> Nanoseconds:
 
 
 def nearest(times: Nanoseconds, others: Nanoseconds, tolerance: int) -> tuple[Places, Places]:
-    """Return the indices of `times` with a partner in `others`, and the indices of the nearest partners."""
+    """Return the indices of `times` with a partner in `others` within the tolerance, and of nearest partners."""
     here = np.flatnonzero(_has_partner(times, others, tolerance))
     after = np.clip(np.searchsorted(others, times[here]), 1, max(len(others) - 1, 1))
     is_before = times[here] - others[after - 1] <= others[np.minimum(after, len(others) - 1)] - times[here]
@@ -116,7 +116,7 @@ class _Reader:
         self.read()
 
     def read(self) -> None:
-        """Read the next block of rows. Raises ConfigError where they are not in order of time."""
+        """Read the next block of rows; without one, `last` is NEVER. Raises ConfigError for rows not in order."""
         values = next(self._blocks, None)
         if values is None:
             self.last = NEVER
@@ -187,7 +187,7 @@ class ShiftedRows(Recording):
 
 
 def aligned(first: Recording, second: Recording, tolerance_ns: int) -> Recording:
-    """Return the second recording with times that count from time 0 of the first one."""
+    """Return the second recording with times that count from time 0 of the first one, if their offset is known."""
     begins = [_first_ns(each) for each in (first, second)]
     if begins[0] is None or begins[1] is None:
         return second

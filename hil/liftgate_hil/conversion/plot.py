@@ -63,6 +63,7 @@ def _check(request: PlotRequest) -> None:
     fields = {each.name: each for each in fields_of(PlotRequest)}
 
     def refuse(names: Sequence[str], figures: Sequence[str]) -> None:
+        """Add an issue if any of the arguments `names` is given, which only `figures` take."""
         given = [fields[name] for name in names if fields[name].is_given(getattr(request, name))]
         if given:
             named = ["FILE" if each.name == "recording" else f"`{each.flag or each.name}`" for each in given]

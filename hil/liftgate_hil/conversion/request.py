@@ -46,7 +46,7 @@ class Tolerances:
     allowed, invalid = "X or NAME=X, X at least 0", ()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """Return the tolerances as texts; an issue for the first invalid one."""
+        """Return the tolerances as texts; an empty tuple and an issue if one is invalid."""
         if isinstance(value, Mapping):
             given = [f"{name}={each}" for name, each in value.items()]
         else:

@@ -227,6 +227,6 @@ def mappings_of(rig: str) -> dict[str, SignalMapping]:
 
 
 def ours_in(rig: str, names: Sequence[str]) -> dict[str, str]:
-    """Return the decoded signal, one of `names`, for each column of ours that a rig maps."""
+    """Return for each column of ours that a rig maps the decoded signal with it, if that is one of `names`."""
     wired = {column: f"{wire.message}.{wire.signal}" for column, wire in mappings_of(rig).items()}
     return {column: name for column, name in wired.items() if name in names}

@@ -56,11 +56,11 @@ class Adapter:
         return []
 
     def begins_anew(self, time: float, in_flight: int) -> None:
-        """Count event times from a time [s] of the ECU's clock, when `in_flight` of its frames were under way."""
+        """Count event times from a time [s] of the ECU's clock; `in_flight`: its frames on the bus then, lost."""
         self._began, self.in_flight = time, in_flight
 
     def failure(self) -> str:
-        """Return why a call of the ECU failed, in words."""
+        """Return as text why the last call of the ECU's code failed."""
         answer = int(self.state.port.head.answer[0])
         if answer:
             return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
@@ -70,15 +70,15 @@ class Adapter:
         )
 
     def dropped(self) -> int:
-        """Return the number of frames dropped so far because the ECU had no room for them."""
+        """Return the number of received frames dropped so far because the ECU's inbox was full."""
         return int(self.state.port.head.dropped[0])
 
     def digest(self) -> str:
-        """Return a digest of the ECU's whole memory; "": unknown, as of a foreign ECU."""
+        """Return a digest (SHA-256) of the ECU's whole memory; "": unknown, as of a foreign ECU."""
         return ""
 
     def command_digest(self) -> str:
-        """Return a digest of all commands that the ECU has sent so far; "": unknown."""
+        """Return a digest (SHA-256) of all commands that the ECU has sent so far; "": unknown."""
         return ""
 
     def last_frames(self) -> Frames | None:
@@ -137,7 +137,7 @@ class ReferenceEcu(Adapter):
         return hashlib.sha256(b"".join(each.tobytes() for each in self.state.reference.memory)).hexdigest()
 
     def command_digest(self) -> str:
-        """Return a digest of the commands in all control cycles."""
+        """Return a digest of the commands in all control cycles so far."""
         return hashlib.sha256(command_course(self.state.reference.memory).tobytes()).hexdigest()
 
     def last_frames(self) -> Frames | None:

@@ -50,7 +50,7 @@ def bin_at(position: float, travel: float) -> float:
 
 @compilable
 def step_after(guard: Any, index: int) -> float:
-    """Return the increase [A] of the reference load from one bin to the next; NaN where either is unknown."""
+    """Return the increase [A] of the reference load from bin `index` to the next; NaN: unknown, or no such bin."""
     if index < 0 or index >= BINS - 1:
         return np.nan
     return float(guard.reference[index + 1] - guard.reference[index])
@@ -58,7 +58,7 @@ def step_after(guard: Any, index: int) -> float:
 
 @compilable
 def reference_at(guard: Any, place: float) -> tuple[float, float]:
-    """Return the learned reference load [A] at a bin index, and its slope there [A/bin].
+    """Return the learned reference load [A] at a bin index, and the steepest slope beside it [A/bin], ≥ 0.
 
     The load is interpolated linearly from bin to bin, and extrapolated beyond the last known one. NaN where it is
     not known.
@@ -85,7 +85,7 @@ def reference_at(guard: Any, place: float) -> tuple[float, float]:
 def watch(
     constants: EcuConstants, guard: Any, load: float, position: float, travel: float, hidden: float, in_seal: bool
 ) -> TrapDecision:
-    """Check one cycle for trapping: compare the load with the reference load, and update the guard.
+    """Return one cycle's decision on trapping, by comparing load with reference load, and update the guard.
 
     `load` [A] is positive against the motion; position and travel are in counts, or NaN; `hidden` [A] is the part
     of the load that the acceleration may cause. In the seal, no load counts as an obstacle before the reference is
@@ -127,7 +127,7 @@ def watch(
 
 @compilable
 def learn(guard: Any) -> None:
-    """Add the loads of a run without an obstacle to the guard's learned reference load."""
+    """Update the guard's learned reference load with the mean load at each position in the run just made."""
     for i in range(BINS):
         if guard.samples[i] > 0:
             mean = guard.total[i] / guard.samples[i]

@@ -70,7 +70,7 @@ def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int
 
 @outlined
 def hear(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
-    """Decode the frames, and return the request of a newly pressed button; NO_REQUEST: none."""
+    """Decode the frames, store which buttons are pressed; return a newly pressed one's request, or NO_REQUEST."""
     receive(buttons.bus, state.reception, NO_COUNTS, frames, now_ns)
     asked = NO_REQUEST
     for button in range(len(buttons.action)):

@@ -110,7 +110,7 @@ CALIBRATED = Calibration()
 
 
 def coded(calibration: Calibration, coding: Coding) -> Calibration:
-    """Return the calibration adapted to the coding of a vehicle."""
+    """Return the calibration with closing speed and anti-trap limits scaled by a vehicle's coding."""
     pace, limits = coding.closing_speed, coding.anti_trap_limits
     return calibration._replace(
         closing_speed=tuple(pace * speed for speed in calibration.closing_speed),

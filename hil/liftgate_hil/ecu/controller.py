@@ -47,7 +47,7 @@ from liftgate_hil.ecu.states import (
 
 @compilable
 def speed_over(speeds: tuple[float, ...], place: float) -> float:
-    """Return the speed at a position, both as fractions of the travel, interpolated linearly between PLACES."""
+    """Return the speed [travels/s] at a place [share of the travel], interpolated between `speeds` at PLACES."""
     if place <= PLACES[0]:
         return speeds[0]
     for i in range(1, len(PLACES)):
@@ -59,7 +59,7 @@ def speed_over(speeds: tuple[float, ...], place: float) -> float:
 
 @compilable
 def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
-    """Return the speed setpoint [counts/s]: a soft start over time, then the calibrated speed at the position."""
+    """Return the positive speed setpoint [counts/s]: a soft start, then the calibrated speed at the position."""
     c, control = constants.calibration, memory.control[0]
     position, travel = position_of(memory), control.travel
     elapsed = control.now - control.since
@@ -77,7 +77,7 @@ def wanted_speed(constants: EcuConstants, memory: EcuMemory) -> float:
 
 @compilable
 def want(constants: EcuConstants, memory: EcuMemory, speed: float) -> None:
-    """Set the speed setpoint [counts/s], and filter its rate of change, whose effect on the gate lasts a while."""
+    """Set the speed setpoint [counts/s], and track how fast it changes or has recently changed, as `ramp`."""
     control = memory.control[0]
     fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
     rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
@@ -105,7 +105,7 @@ class Feedback(NamedTuple):
 
 
 class DriveCommand(NamedTuple):
-    """Command to the drives: signed duty per drive (−1…1), NaN to coast."""
+    """Command to the drives: signed duty per drive (−1…1); 0: brake, NaN: coast."""
 
     left_duty: float
     right_duty: float
@@ -128,7 +128,7 @@ def is_releasing(constants: EcuConstants, memory: EcuMemory) -> bool:
 
 @compilable
 def obey(constants: EcuConstants, memory: EcuMemory, temperature: float) -> None:
-    """Execute the driver's request: open, close or stop.
+    """Execute the driver's waiting request: open, close or stop; motors too hot only obey a stop.
 
     A request to open a gate that has already opened starts a new search for its end: what stood in the way when
     the end was learned may be gone.
@@ -190,7 +190,7 @@ def update(constants: EcuConstants, memory: EcuMemory, now: float, heard: Feedba
 def take_feedback(
     constants: EcuConstants, drive: Any, time: float, count: float, turning: float, current: float
 ) -> None:
-    """Store a new feedback sample of one drive: count, motor speed and current, with its time [s].
+    """Update one drive's speed and load with a sample of its feedback, made at `time` [s].
 
     Samples may come late, or two in one cycle: the time that counts is when they were made.
     """
@@ -229,7 +229,7 @@ def stand(constants: EcuConstants, memory: EcuMemory) -> DriveCommand:
 
 @compilable
 def hold(memory: EcuMemory) -> DriveCommand:
-    """Return the command that brakes for a moment, then coasts, as the spindle holds the gate by itself."""
+    """Return the command at standstill: brake for a moment, then coast, as the spindle holds the gate itself."""
     control = memory.control[0]
     return BRAKING if control.now < control.brake_until else COASTING
 
@@ -283,7 +283,7 @@ def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> Driv
 
 @compilable
 def drive_duty(constants: EcuConstants, memory: EcuMemory, index: int, wanted: float, voltage: float) -> float:
-    """Return a drive's duty for the speed setpoint, corrected by its lead over the drives' mean position."""
+    """Return a drive's duty (−1…1) for the signed speed setpoint, corrected by its lead over the drives' mean."""
     drive = memory.drives[index]
     ahead = drive.count - drive.start - mean_travel(memory)
     target = wanted - constants.calibration.tie * ahead

@@ -118,7 +118,7 @@ def serve(
 def answered(
     server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int, now_ns: int
 ) -> int:
-    """Execute the diagnostic request of `length` bytes; return the length of the response; 0: none."""
+    """Execute the request of `length` bytes in the link, and write the response; return its length; 0: none."""
     head, link = state.head[0], state.link.head[0]
     if head.session != _DEFAULT and now_ns > head.session_by_ns:
         head.session = _DEFAULT
@@ -142,7 +142,7 @@ def answered(
 
 @compilable
 def done(state: ServerState, service: int, length: int) -> int:
-    """Execute service 10, 11 or 3E: change the session, request an ECU reset, or acknowledge the tester."""
+    """Execute service 10, 11 or 3E (session, reset, tester present); return the response's length, <0: refused."""
     head, link = state.head[0], state.link.head[0]
     out = link.out
     if service not in (_SESSION, _RESET, _PRESENT):
@@ -170,7 +170,7 @@ def done(state: ServerState, service: int, length: int) -> int:
 
 @compilable
 def clear_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
-    """Execute service 14: clear all trouble codes, or one; return the response's length."""
+    """Execute service 14: clear all trouble codes, or one; return the response's length, <0: refused."""
     if length != 4:
         return -_BAD_LENGTH
     request = state.link.head[0].into
@@ -188,7 +188,7 @@ def clear_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[
 
 @compilable
 def read_codes(server: DiagnosticServer, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
-    """Execute service 19: report the number or the list of trouble codes that match a status mask."""
+    """Execute service 19: report number or list of codes matching a status mask; returns as `clear_codes`."""
     out, request = state.link.head[0].out, state.link.head[0].into
     if length < 2:
         return -_BAD_LENGTH

@@ -117,7 +117,7 @@ def is_library(ecu: Any) -> bool:
 
 
 def is_foreign(ecu: Any) -> bool:
-    """Whether an `ecu` names a user's code, a library or a Python class, which another process can load."""
+    """Whether an `ecu` is the name of a user's code, a library or a Python class; False for an object."""
     return isinstance(ecu, str | Path) and str(ecu) not in (REFERENCE, ON_A_BUS)
 
 

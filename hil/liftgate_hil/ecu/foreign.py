@@ -7,7 +7,7 @@ from __future__ import annotations
 
 
 class NoAnswerError(BaseException):
-    """Aborts a hanging call from a signal handler; `except Exception` does not catch it."""
+    """Exception that a signal handler raises to abort a hanging call; `except Exception` does not catch it."""
 
 
 class ForeignCode:
@@ -25,7 +25,7 @@ class ForeignCode:
         self._depth -= 1
 
     def call(self) -> int:
-        """Return the number of the current call of a user's code; 0: none."""
+        """Return the ordinal number of the call of a user's code that is running; 0: none."""
         return self._calls if self._depth else 0
 
 

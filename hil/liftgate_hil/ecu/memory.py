@@ -191,7 +191,7 @@ def command_course(memory: EcuMemory) -> Words:
 
 @compilable
 def _add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
-    """Add words to the course's checksums from index `at` on, modulo 2^64; return the index after them."""
+    """Fold `count` words into the course's checksums from index `at` on, modulo 2^64; return the next index."""
     for i in range(count):
         course[at + i] = np.uint64((int(course[at + i]) * int(_FACTOR) + int(words[begin + i])) & int(_MASK))
     return at + count

@@ -90,7 +90,7 @@ def moves_by_itself(constants: EcuConstants, memory: EcuMemory) -> bool:
 
 @compilable
 def is_hot(constants: EcuConstants, memory: EcuMemory, temperature: float) -> bool:
-    """Whether the motors must cool down before they may run again (temperature [°C]; NaN: not on the bus)."""
+    """Whether the motors must cool before they may run, with hysteresis; temperature [°C], NaN: they need not."""
     c, control = constants.calibration, memory.control[0]
     if np.isnan(temperature):
         return False

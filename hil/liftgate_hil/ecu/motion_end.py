@@ -17,7 +17,7 @@ from liftgate_hil.ecu.states import enter, guard_of, is_in_seal, mean_speed, mea
 
 @compilable
 def watch_ends(constants: EcuConstants, memory: EcuMemory) -> None:
-    """Check for the learned end position, a stall, and the end of a reversal."""
+    """Check for the learned end position, a stall and a reversal's end; if found, enter the state that follows."""
     c, control = constants.calibration, memory.control[0]
     position, state = position_of(memory), control.state
     if state == REVERSING and mean_travel(memory) >= c.reverse_distance * travel_or(memory, 1000.0):

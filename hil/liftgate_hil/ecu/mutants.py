@@ -168,13 +168,14 @@ def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]
 
 
 def _of_class(module: str, name: str) -> dict[str, Any]:
+    """Return the identity of a Python ECU: kind, class, and its file's path and SHA-256 where they are known."""
     identity: dict[str, Any] = {"kind": "python", "class": f"{module}:{name}"}
     path = _file_of(module)
     return identity if path is None else {**identity, "path": str(path), "sha256": _digest(path)}
 
 
 def _file_of(module: str) -> Path | None:
-    """Return the path of a module's file, without executing any code of the module."""
+    """Return the path of a module's file, without executing any code of the module; None: unknown."""
     found = getattr(sys.modules.get(module), "__file__", None)
     if found is None and "." not in module and module not in sys.modules:  # for a submodule, its package would run
         try:

@@ -63,7 +63,7 @@ def outgoing(node: Node, state: NodeState, count: int) -> Frames:
 
 @compilable
 def turn(node: Node, state: NodeState, frames: Frames, now_ns: int) -> tuple[NodeState, Frames, bool]:
-    """Run the ECU for one tick; return its state, the frames it sends, and whether its behaviour was valid."""
+    """Run the ECU for one tick; return its state, the frames it sends, and whether the call succeeded."""
     if node.kind == REFERENCE:
         after, sent = reference.step(node.reference, state.reference, frames, now_ns)
         return NodeState(after, state.port), sent, True

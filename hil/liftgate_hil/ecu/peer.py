@@ -120,7 +120,7 @@ class Peer:
         return self._began_ns() >= 0
 
     def _note_senders(self, frames: Frames, now_ns: int) -> None:
-        """Record when the first frame of the gate arrived, and the first frame that is not the gate's."""
+        """Record when the gate's first frame arrived, and the identifier of another sender's first frame."""
         identifiers = frames.identifiers[: frames.count]
         theirs = identifiers[identifiers & (ERROR | REMOTE) == 0] & ~FD_FLAGS
         are_gates = np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier)

@@ -94,7 +94,7 @@ class PythonEcu(Adapter):
         head.waiting = head.next_ns = 0
 
     def failure(self) -> str:
-        """Return why a call of the ECU failed, in words.
+        """Return as text why the last call of the ECU's code failed.
 
         Raises KeyboardInterrupt where one reached the ECU's code: it was meant for the user who runs it.
         """
@@ -157,6 +157,7 @@ class PythonEcu(Adapter):
             return wire.BAD_COUNT
 
     def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
+        """Write the frames that `step` returned into the outbox; return their number, or BAD_COUNT: invalid."""
         from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
         if answer is None:

@@ -173,7 +173,7 @@ def _sampled_rows(rig: Rig) -> tuple[list[int], list[int]]:
 
 
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
-    """Return the table rows of the messages with these quantities, except those of the test bench."""
+    """Return the table rows of the input messages that carry any of these quantities; no bench messages."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
     own = {each.message for each in rig.inputs if each.quantity in quantities}
     return [row for row, name in enumerate(names) if name in own]
@@ -230,7 +230,7 @@ def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback
 
 @compilable
 def hotter_of(left: float, right: float) -> float:
-    """Return the larger of two values that may be NaN."""
+    """Return the larger of two temperatures, each NaN if unknown; NaN if both are."""
     if np.isnan(left) or right > left:
         return right
     return left
@@ -257,7 +257,7 @@ def direction_of(duty: float) -> float:
 
 @compilable
 def percent_of(duty: float, signed: int) -> float:
-    """Return a signed duty as the bus carries it [%]."""
+    """Return a duty [%] as the bus carries it: without its sign unless `signed`; 0 for NaN, which coasts."""
     if np.isnan(duty):
         return 0.0
     return 100.0 * duty if signed else abs(100.0 * duty)

@@ -44,7 +44,7 @@ def measure_speed(constants: EcuConstants, drive: Any, count: float, turning: fl
 
 @compilable
 def note_counts(constants: EcuConstants, drive: Any, count: float, elapsed: float) -> None:
-    """Store a drive's count in each cycle since the last sample, interpolated linearly between the two."""
+    """Append a drive's count in each cycle since the last sample to its history, interpolated linearly."""
     drive.due += elapsed / constants.cycle
     cycles = math.floor(drive.due + 0.5) if drive.held > 0 else 1
     drive.due -= cycles
@@ -59,7 +59,7 @@ def note_counts(constants: EcuConstants, drive: Any, count: float, elapsed: floa
 
 @compilable
 def counts_a_turn(constants: EcuConstants, drive: Any) -> float:
-    """Return the Hall counts per motor revolution; a measured number is rounded to an integer."""
+    """Return the Hall counts per motor revolution: calibrated or, after enough turns, measured and rounded."""
     c = constants.calibration
     if drive.turned < c.turns_to_count:
         return c.counts_per_turn

@@ -52,7 +52,7 @@ def begin_motion(memory: EcuMemory) -> None:
 
 @compilable
 def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, verdict: TrapDecision) -> None:
-    """Enter a state, and record the event that caused this."""
+    """Enter a state, and record the event that caused this; SILENT: none."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time
@@ -70,7 +70,7 @@ def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, ve
 
 @compilable
 def mean_travel(memory: EcuMemory) -> float:
-    """Return the mean change of both counts [counts] since the motion began; negative: closing."""
+    """Return the drives' mean change of count since the motion began [counts]; negative: closing."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].count - memory.drives[i].start
@@ -97,7 +97,7 @@ def is_in_seal(constants: EcuConstants, memory: EcuMemory) -> bool:
 
 @compilable
 def mean_speed(memory: EcuMemory) -> float:
-    """Return the mean of the drives' speeds [counts/s]."""
+    """Return the mean of the drives' speeds [counts/s]; negative: closing."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].speed
@@ -106,7 +106,7 @@ def mean_speed(memory: EcuMemory) -> float:
 
 @compilable
 def take_zero(memory: EcuMemory) -> None:
-    """Take the present counts as the closed position."""
+    """Define the closed position: set the zero of each drive's count to its present count."""
     for i in range(len(memory.drives)):
         memory.drives[i].zero = memory.drives[i].count
     memory.control[0].is_zero_known = 1

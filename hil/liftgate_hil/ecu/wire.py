@@ -65,7 +65,7 @@ def new_port_state() -> PortState:
 
 @compilable
 def put_in(state: PortState, frames: Frames) -> None:
-    """Put frames into the ECU's inbox; frames for which it has no room are counted."""
+    """Put frames into the ECU's inbox; frames for which it has no room are dropped and counted."""
     head = state.head[0]
     for i in range(frames.count):
         if head.waiting == CAPACITY:
@@ -131,7 +131,7 @@ def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def request_of_port(port: Port, action: int) -> None:
-    """Pass a request of the driver to the ECU (0 stop, 1 open, 2 close)."""
+    """Pass a request of the driver to the ECU (0 stop, 1 open, 2 close), if it has a function for requests."""
     if port.request != 0:
         call_long_int(port.request, port.instance, action)
 

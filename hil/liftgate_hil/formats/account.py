@@ -41,7 +41,7 @@ class Account:
         self._is_cut = False
 
     def cut_off(self) -> None:
-        """Note that the file's last line is incomplete, as after a full disk or a kill."""
+        """Record in the account that the file's last line is incomplete, as after a full disk or a kill."""
         self._is_cut = True
 
     def leave_out(self, noun: str, why: str, first: str, count: int = 1) -> None:

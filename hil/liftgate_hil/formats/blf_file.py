@@ -137,7 +137,7 @@ def open_blf(path: Path) -> BusLog:
 
 
 def _parts(path: Path, begin: int, account: Account) -> Iterator[Part]:
-    """Yield the frames of a log, bus by bus; its objects begin at a given byte."""
+    """Yield blocks of a log's frames, each with its bus's name; the objects begin at byte `begin`."""
     log = _Objects(account)
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as file:
         objects, rest = _objects_in(file, begin)

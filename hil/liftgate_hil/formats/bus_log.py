@@ -74,6 +74,7 @@ class BusLog(Recording):
         return self if self.stated is None else self.changed(start_ns=epoch_us(self.stated, zone) * 1000)
 
     def _check_times(self, frames: NDArray[np.void]) -> None:
+        """Raise ConfigError if a frame's time is LONGEST_NS or more from the start."""
         late = np.flatnonzero(np.abs(frames["time_ns"]) >= LONGEST_NS)
         if len(late):
             time_s = frames["time_ns"][late[0]] / 1e9
@@ -87,7 +88,7 @@ def several_buses(path: Path, buses: Sequence[str]) -> ConfigError:
 
 
 def log_of(path: Path, parts: Parts, start_ns: int = 0, **more: Any) -> BusLog:
-    """Return the bus log in a file; its bus is that of the first frame. Raises ConfigError.
+    """Return the bus log whose frames `parts(account)` yields; its bus is the first frame's. Raises ConfigError.
 
     If the file has no frame at all, the log's account tells what it holds. `more` are further fields of the log.
     """
@@ -114,7 +115,7 @@ class Sorter:
         return self._count >= _BLOCK
 
     def take(self) -> Iterator[Part]:
-        """Yield the frames collected so far, bus by bus, and forget them."""
+        """Yield the frames collected so far, a block per bus with its name, and forget them."""
         rows, self._rows, self._count = self._rows, {}, 0
         for bus, fields in rows.items():
             yield bus, frames_of(fields)
@@ -133,7 +134,7 @@ def frames_of(fields: Sequence[Fields]) -> NDArray[np.void]:
 
 
 def bus_of(number: int) -> str:
-    """Return the name of the bus with this number in a format that counts buses from 1."""
+    """Return the name of the bus with this number, counted from 1: `can0` for 1; `channel 0` for 0."""
     return f"can{number - 1}" if number else "channel 0"
 
 
@@ -221,7 +222,7 @@ class LogLines:
         raise NotImplementedError
 
     def parts(self, path: Path) -> Iterator[Part]:
-        """Yield the frames in a log, bus by bus; the account counts the lines left out."""
+        """Yield blocks of a log's frames, each with its bus's name; the account counts the lines left out."""
         frames = Sorter()
         for number, line, is_whole in lines_in(path):
             try:

@@ -134,7 +134,7 @@ def open_candump(path: Path) -> BusLog:
 
 
 def _parts(path: Path, start_us: int, account: Account) -> Iterator[Part]:
-    """Yield the frames of a log, bus by bus; times count from `start_us`. Raises ConfigError."""
+    """Yield blocks of a log's frames, each with its bus; times count from `start_us`. Raises ConfigError."""
     log = _Lines(start_us, account)
     for block in text_blocks(path):
         if block.line == 1:
@@ -147,7 +147,7 @@ def _parts(path: Path, start_us: int, account: Account) -> Iterator[Part]:
 
 
 def _at_once(found: Sequence[tuple[bytes, ...]], start_us: int) -> list[Part] | None:
-    """Return the frames of many usual lines, parsed together; None if one has an unusual field."""
+    """Return the frames in matches of `_LINE`, parsed together, a block per bus; None: a field is unusual."""
     stamps, buses, names, fd, payloads, ways = zip(*found, strict=True)
     rows = np.zeros(len(found), dtype=LOGGED)
     # A float of seconds since 1970 is precise to less than a microsecond.
@@ -191,7 +191,7 @@ class _Lines:
         self._has_way = False  # whether a line has said the direction
 
     def saw(self, text: bytes, parts: Sequence[Part]) -> None:
-        """Remember lengths and form of a block of lines that `_at_once` has parsed."""
+        """Remember lengths and directions in lines that `_at_once` has parsed, to judge an unfinished last one."""
         last = text.rstrip(b"\n").rpartition(b"\n")[2]
         self._has_way |= _HAS_WAY.search(last.decode("utf-8", "replace")) is not None
         for _, frames in parts:
@@ -199,7 +199,7 @@ class _Lines:
             self._lengths |= dict(zip(tail["identifier"].tolist(), tail["length"].tolist(), strict=True))
 
     def parts(self, block: TextBlock) -> Iterator[Part]:
-        """Yield the frames in a block of lines, bus by bus; the account counts the other lines."""
+        """Yield the frames in a block of lines, one block per bus; the account counts the other lines."""
         frames = Sorter()
         for number, line in enumerate(block.text.removesuffix(b"\n").split(b"\n"), block.line):
             text = line.decode("utf-8", "replace").strip()
@@ -264,7 +264,7 @@ def _fd_flags(mark: str) -> int:
 
 
 def _microseconds(stamp: str) -> int | None:
-    """Return a timestamp, given in seconds or as a local date [µs]; None if it is not a valid time."""
+    """Return in µs a timestamp in seconds, or of a local date since 1970; None if it is not a valid time."""
     try:
         if " " in stamp:
             return round(datetime.fromisoformat(stamp).timestamp() * 1e6)

@@ -115,7 +115,7 @@ class CsvFile(Recording):
             number += len(table)
 
     def _moments(self, rows: list[list[str]], name: str, number: int, before: dict[str, float]) -> Floats:
-        """Return a column of dates (n,) as times [s] since the file's first date. Raises ConfigError."""
+        """Return dates as times (n,) [s] since the first; store the last in `before`. Raises ConfigError."""
         place = list(self.names).index(name)
         short = next((row for row, cells in enumerate(rows) if len(cells) <= place), None)
         if short is not None:
@@ -257,6 +257,7 @@ class CsvFile(Recording):
         return table
 
     def _rows_of(self, text: bytes) -> list[list[str]]:
+        """Return the cells of each line that is not blank. Raises ConfigError."""
         lines = [line for line in text.decode().split("\n") if line.strip()]
         try:
             return list(csv.reader(lines, delimiter=self.delimiter.decode()))
@@ -321,7 +322,7 @@ def _text_of(path: Path) -> BinaryIO:
 
 
 def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, int]:
-    """Return the wall clock at the first date of each column of dates [ns since 1970]."""
+    """Return the wall clock [ns since 1970] at the first cell of each column of dates; for times of day 0."""
     return {name: stamp.epoch_ns(zone) for name, stamp in moments.items()}
 
 

@@ -220,5 +220,5 @@ def doubts_about(cells: Mapping[str, str], header: Header, rows: bytes) -> Itera
 
 
 def with_newlines(text: bytes) -> bytes:
-    """Return the text with a newline after every line; a blank line may come between two blocks."""
+    """Return a text with LF for the line ends CRLF and CR; a CRLF cut in two by blocks leaves a blank line."""
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text

@@ -137,7 +137,7 @@ def _quoted(name: str) -> str:
 
 
 class CsvText:
-    """Formatter of some columns of rows (n, m) with the columns `row` as lines of CSV."""
+    """Formatter of the columns `names` as lines of CSV, from rows that have all columns of `row`."""
 
     def __init__(self, names: Sequence[str], row: Mapping[str, Signal] = COLUMNS) -> None:
         self.head = (",".join(map(_quoted, names)) + "\n").encode()

@@ -75,11 +75,12 @@ class GuardedWriter:
             self.failure = self.failure or self._reported(error)
 
     def _reach(self, time_s: float) -> None:
-        """Note the time [s] that the recording reaches with the next write, unless it has failed."""
+        """Store the time [s] that the recording reaches with the next write, for an error's message."""
         if not self.failure:
             self._time_s = max(time_s, self._time_s)
 
     def _try(self, action: Callable[..., None], *arguments: object) -> None:
+        """Call `action(*arguments)`, unless one has failed; store the text of its error, and report it."""
         if not self.failure:
             try:
                 action(*arguments)

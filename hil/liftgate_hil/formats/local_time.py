@@ -77,7 +77,7 @@ def stated_in(text: str) -> datetime | None:
 
 
 def _micros(part: str | None) -> int:
-    """Return the fraction of a second, digits after the point, in µs."""
+    """Return in µs the fraction of a second, given as digits; one or two digits are milliseconds."""
     if not part:
         return 0
     return int(part) * 1000 if len(part) < 3 else round(int(part) * 10.0 ** (6 - len(part)))

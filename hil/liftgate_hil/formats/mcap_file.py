@@ -82,7 +82,7 @@ class McapFile(Recording):
             yield rows
 
     def _joined(self, parts: Sequence[list[list[Any]]]) -> Floats:
-        """Return the columns of topics whose rows have the same times side by side. Raises ConfigError."""
+        """Return the topics' columns side by side, the time once; their times must agree. Raises ConfigError."""
         try:
             tables = [np.array(rows, dtype=np.float64) for rows in parts]
         except (TypeError, ValueError) as error:
@@ -334,6 +334,7 @@ class McapWriter(StreamWriter):
         return topics
 
     def _register(self, topic: str, name: str, schema: bytes, metadata: dict[str, str], holds: str) -> int:
+        """Register a topic with the schema of its messages; return the id of its channel."""
         number = self._writer.register_schema(f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema)
         return self._writer.register_channel(topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata})
 

@@ -62,6 +62,7 @@ def topics_of(columns: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _topic_of(name: str) -> tuple[str, str]:
+    """Return the topic of a column other than `time_s`, and the prefix that the field's name omits; "": none."""
     if name in COLUMNS:
         place = list(COLUMNS).index(name)
         part = [part for part, start in COLUMN_ROWS._asdict().items() if start <= place][-1]

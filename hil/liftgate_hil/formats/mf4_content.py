@@ -98,7 +98,7 @@ KINDS = {FRAME: 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 
 
 def samples_of(name: str, frames: Any, channel: int) -> NDArray[Any]:
-    """Return frames (n,) LOGGED as an array of samples with the fields of ASAM bus logging."""
+    """Return frames (n,) LOGGED of the kind `name` as ASAM bus logging's samples; `channel`: bus number."""
     fields = _OF_REMOTE if name == "CAN_RemoteFrame" else tuple(_FIELDS)
     samples = np.zeros(len(frames), dtype=[(f"{name}.{field}", _FIELDS[field]) for field in fields])
     identifiers = frames["identifier"]
@@ -132,7 +132,7 @@ class FrameGroup(NamedTuple):
 
     @property
     def asked(self) -> list[tuple[None, int, int]]:
-        """The channels to read, whose signals `fields_of` expects."""
+        """The channels to read, as (None, group, place), whose signals `fields_of` expects."""
         return [(None, self.number, place) for place in (self.whole, *self.converted.values())]
 
     def fields_of(self, signals: Sequence[Any]) -> dict[str, Any]:
@@ -221,7 +221,7 @@ def _is_of_other_bus(name: str) -> bool:
 
 
 def columns_in(measured: Any, notes: list[str]) -> dict[str, tuple[int, int]]:
-    """Return the channels over time, by name: index of the group, and index of the channel in it.
+    """Return group and channel index of each channel over time, by name; append groups left out to `notes`.
 
     Channels of the same name in several groups with samples are called GROUP.NAME.
     """

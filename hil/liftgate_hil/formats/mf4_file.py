@@ -91,7 +91,7 @@ class Mf4Writer(StreamWriter):
         self._extend_frames(self._frames.add(frames))
 
     def write_mark(self, time_s: float, text: str) -> None:
-        """Keep an operator's mark at a time [s], which becomes a marker event of the file."""
+        """Add an operator's mark at a time [s] to the file's marker events."""
         from asammdf.blocks.v4_blocks import EventBlock
         from asammdf.blocks.v4_constants import (
             EVENT_CAUSE_USER,
@@ -171,6 +171,7 @@ class Mf4Writer(StreamWriter):
         return Signal(samples=samples, timestamps=np.zeros(0), name=name, source=source)
 
     def _append(self, group: str, signals: Any, comment: str) -> None:
+        """Add a channel group, whose signals have no samples yet, to the file."""
         self._groups[group] = len(self._mdf.groups)
         self._mdf.append(signals, comment=comment, common_timebase=True)
 
@@ -210,7 +211,7 @@ class Mf4File(Recording):
         return self
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Read channels; those without finite numbers at rising times are left out and added to `issues`."""
+        """Return channels by name, but those without finite numbers at rising times, each noted in `issues`."""
         result = {}
         self.rows_account.clear()
         with opened_mf4(self.path) as measured:

@@ -139,7 +139,7 @@ _BLOCK = 20_000  # rows or frames that are read at a time
 
 
 def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Account) -> Iterator[list[Any]]:
-    """Yield channels of one group in blocks of rows; of a truncated file only the complete rows."""
+    """Yield the signals `asked` of one group in blocks of rows; of a truncated file only the complete rows."""
     count = measured.groups[asked[0][1]].channel_group.cycles_nr
 
     def read(first: int, rows: int) -> list[Any]:
@@ -165,7 +165,7 @@ def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Ac
 
 
 def _most(count: int, read: Callable[[int], object]) -> int:
-    """Return the number of records, of `count`, that can be read from the first one on."""
+    """Return how many records, fewer than `count`, `read(number)` can read from the first on without an error."""
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2

@@ -91,7 +91,7 @@ def open_recording(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
 
 
 def _instead(found: Recording) -> str:
-    """Return as text the content of a file without frames, as far as its reader can tell."""
+    """Return as text what a file without rows and frames holds, as far as its reader can tell; "": unknown."""
     if found.notes:
         return f", but {'; '.join(found.notes)}"
     is_log = found.path.suffix.lower() in BUS_LOGS  # its reader accounts for each line and object
@@ -107,6 +107,7 @@ def holds_nothing(path: Path) -> bool:
 
 
 def _opened(path: Path, how: ReadOptions = AS_IT_IS) -> Recording:
+    """Open a recording, even one without rows and frames. Raises ConfigError, also for a file of no bytes."""
     if path.suffix.lower() in RECORDED:
         check_readable(path)
         if path.stat().st_size == 0:

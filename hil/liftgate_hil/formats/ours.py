@@ -95,7 +95,7 @@ def _headers() -> frozenset[str]:
 
 
 def _library_of(head: bytes) -> bytes:
-    """Return the library's name in an MCAP file's header: after the profile, in the first record."""
+    """Return the name of the library that wrote an MCAP file, from its first record; empty: not found."""
     try:
         (profile,) = _LENGTH.unpack_from(head, _MCAP_HEADER)
         at = _MCAP_HEADER + _LENGTH.size + profile

@@ -183,7 +183,7 @@ def open_parquet(path: Path) -> ParquetFile:
 
 
 def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
-    """Return the columns of dates (as of the first row) and times, each with its zero and its unit [ns]."""
+    """Return each date or time column's first date (of times: 0), from which it counts, and its unit [ns]."""
     from pyarrow import types
 
     found = {}
@@ -201,5 +201,5 @@ def _moments_in(file: Any, schema: Any) -> dict[str, tuple[Stamp, int]]:
 
 
 def _starts_of(moments: Mapping[str, tuple[Stamp, int]], zone: tzinfo | None) -> dict[str, int]:
-    """Return the wall clock at the first date of each column of dates [ns since 1970]."""
+    """Return the wall clock [ns since 1970] at the first date of each column of dates; for times of day 0."""
     return {name: stamp.epoch_ns(zone) for name, (stamp, _) in moments.items()}

@@ -116,7 +116,7 @@ class Recording:
         return found if how.channel is None else found.on_bus(how.channel)
 
     def in_zone(self, zone: tzinfo) -> Recording:
-        """Return the recording with its header's local time interpreted in a zone; this class has none."""
+        """Return the recording with its local times interpreted in a zone; this base class has none."""
         return self
 
     def on_bus(self, name: str) -> Recording:
@@ -134,7 +134,7 @@ class Recording:
         return iter(())
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Read columns of finite numbers; others, and unreadable ones, are left out and added to `issues`."""
+        """Return columns by name, but those with infinite values and unreadable ones, each noted in `issues`."""
         if not wanted:
             return {}
         try:

@@ -26,7 +26,7 @@ _SLICE = 512  # rows or frames after which the size is checked
 
 
 class Parts:
-    """Writer of one file or, with a limit, of several consecutive ones.
+    """Writer of one file or, with a limit, of several consecutive ones, each opened by `open_part(path)`.
 
     Closing a file does not delay the next one. The files of an earlier recording are set aside; they count among
     those that a limit keeps, and are the first to be deleted. None of the `inputs` is.
@@ -127,6 +127,7 @@ class Parts:
             self._closing.append(self._pool.submit(remove, oldest))
 
     def _next(self) -> SalvagedWriter:
+        """Open the recording's next file, or its only one; return the writer."""
         path = self._path
         if self._limit is not None:
             self._number += 1
@@ -143,7 +144,7 @@ def _remove_ours(path: Path) -> None:
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside an earlier recording's files except `inputs`; return the paths. Raises ConfigError, OSError."""
+    """Set aside an earlier recording's files but `inputs`; return new paths. Raises ConfigError, OSError."""
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )
@@ -159,7 +160,7 @@ def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
 
 
 def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
-    """Return the files of an earlier recording with a limit, oldest first; `is_aside`: those set aside.
+    """Return an earlier limited recording's files, oldest first; `is_aside`: those renamed to `….previous`.
 
     The files are ours, with consecutive numbers. A file alone whose number is not the first is no part, as
     a rotation keeps two at least: `drive.2024.csv` may be a recording of that year.
@@ -170,7 +171,7 @@ def _parts_of(path: Path, is_aside: bool = False) -> list[Path]:
 
 
 def _numbered(path: Path, is_aside: bool = False) -> dict[int, Path]:
-    """Return the numbered files of a limited recording; `is_aside`: of the earlier one, set aside."""
+    """Return a limited recording's files by number; `is_aside`: the earlier one's, renamed to `….previous`."""
     stem, suffix = map(re.escape, (path.stem, f".previous{path.suffix}" if is_aside else path.suffix))
     pattern = re.compile(rf"{stem}\.(\d{{4,}}){suffix}")
     matches = ((pattern.fullmatch(each.name), each) for each in path.parent.iterdir())

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit on the size and number of a recording's files."""
+    """Limit on a recording's files: the size of each, and how many are kept."""
 
     size: int  # bytes
     keep: int | None = None  # number of files that are kept, the latest ones; None: all

@@ -21,7 +21,7 @@ _WORDS = {errno.ENXIO: "a pipe without a reader", errno.EISDIR: "is a folder"}
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path is no regular file but a pipe, a device or a folder. Raises OSError."""
+    """Whether a path is a pipe, a device or a folder; False: a regular file, or missing. Raises OSError."""
     try:
         return not stat.S_ISREG(path.stat().st_mode)
     except FileNotFoundError:
@@ -203,7 +203,7 @@ def set_aside(path: Path, known: Callable[[Path], bool] = nothing, kept: Iterabl
 
 
 def _renamed(place: Path, is_replaced: Callable[[Path], bool], kept: Iterable[Path]) -> Path:
-    """Rename a file to the first free or replaceable name; return that name. Raises OSError."""
+    """Rename a file to the first aside name, free or of a file that `is_replaced`; return it. Raises OSError."""
     aside = first = aside_of(place)
     for number in itertools.count(2):
         if os.path.lexists(aside):
@@ -232,4 +232,5 @@ def _lock(descriptor: int, path: Path) -> None:
 
 
 def _taken(path: Path) -> ConfigError:
+    """Return the ConfigError for a file to which another recorder writes."""
     return ConfigError(f"{path}: another recording is being written to it; allowed: a different file")

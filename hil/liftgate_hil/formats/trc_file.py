@@ -133,7 +133,7 @@ class _Header:
             if key == ";$FILEVERSION":
                 self.version = value.strip()
             elif key == ";$STARTTIME":
-                self._starts(value.strip())
+                self._set_start(value.strip())
             elif self.days is None and (in_words := _START.match(text)):  # version 1.0 states it in no other way
                 self.start = in_words["start"]
             elif key == ";$COLUMNS":
@@ -146,7 +146,7 @@ class _Header:
                 f"{path}: cannot be read: columns {','.join(self.columns)}; allowed: O, T, I and d in it"
             )
 
-    def _starts(self, value: str) -> None:
+    def _set_start(self, value: str) -> None:
         self.start = "" if value in ("", "0") else value
         try:
             self.days = float(value.replace(",", "."))
@@ -253,5 +253,5 @@ def _identifier(name: str) -> int:
 
 
 def _bus(word: str) -> str:
-    """Return the name of the bus with this number, counted from 1; a dash stands for none."""
+    """Return the name of the bus with this number, counted from 1; a dash counts as 1."""
     return bus_of(1 if word == "-" else int(word))

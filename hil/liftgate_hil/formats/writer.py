@@ -52,7 +52,7 @@ class StreamWriter:
         return self._written
 
     def begin(self, epoch_ns: int) -> None:
-        """Keep the wall clock at the run's start [ns since 1970]; 0: none applies."""
+        """Store the wall clock at the run's start [ns since 1970]; 0: none applies."""
         self._epoch_ns = epoch_ns
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:

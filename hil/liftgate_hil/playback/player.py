@@ -143,7 +143,7 @@ class NotedTransport:
 
 
 class Player:
-    """Player of one replay; `run` opens the wire, plays to the end, and closes it.
+    """Player of one replay; `run` opens the wire, plays to the end or until `stopped()`, and closes it.
 
     `progress` is called a few times a second with when the last frame that was played was due, when the last of
     all will be (0: not known yet) [s since the beginning], and how many were sent.
@@ -243,7 +243,7 @@ class Player:
                 yield frames
 
     def _fill(self) -> bool:
-        """Put a block of frames into the ring buffer as far as it fits; return whether there is room for more."""
+        """Put a block of frames into the ring as far as it fits; return False if it is full, or none is left."""
         position = self._schedule.position[0]
         block = self._waiting or next(self._blocks, None)
         if block is None:
@@ -285,7 +285,7 @@ class Player:
                 while not schedule.position[0].is_whole and self._fill():
                     if time.monotonic() > until:
                         break
-                self._look_after(line, control)
+                self._supervise(line, control)
                 thread.join(_WATCH_S)
         finally:
             control.stop = 1
@@ -296,7 +296,8 @@ class Player:
         if self._failure is not None:
             raise self._failure
 
-    def _look_after(self, line: Line, control: Any) -> None:
+    def _supervise(self, line: Line, control: Any) -> None:
+        """Pass news of the wire to the listener as an alarm, and report the progress."""
         news = line.watch(control)
         if news:
             self._listener.alarm(f"{self._seconds():.3f} s: {line.name} {news}")
@@ -309,7 +310,7 @@ class Player:
         return self._due(int(self._schedule.position[0].played))
 
     def _due(self, count: int) -> float:
-        """Return the due time of frame number `count` [s since the beginning], which must still be in the ring."""
+        """Return the due time of frame `count` (from 1) [s since the beginning]; it must still be in the ring."""
         due = self._schedule.due
         return float(due[(count - 1) % len(due)]) * 1e-9 if count else 0.0
 
@@ -341,7 +342,7 @@ class Player:
 
 
 def machine_code() -> Any:
-    """Return the replay's loop as machine code, compiled or from the cache before timing matters."""
+    """Return the replay's loop as machine code, compiled or loaded already, before timing matters."""
     code, scratch, nothing = compiled(play), Memory(1, 1), empty_schedule(1)
     nothing.position[0].is_whole = 1
     code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())

@@ -42,19 +42,19 @@ def replay(request: ReplayRequest) -> Played:
 
 
 class NotingRelay(Relay):
-    """Listener that records a replay's texts and alarms, and passes them on."""
+    """Listener that records a replay's texts and alarms, and passes them on to another listener."""
 
     def __init__(self, listener: Listener) -> None:
         super().__init__(listener)
         self.notes: list[str] = []
 
     def say(self, text: str) -> None:
-        """Record a text, and pass it on."""
+        """Record a text, and pass it on to the other listener."""
         self.notes.append(text)
         super().say(text)
 
     def alarm(self, text: str) -> None:
-        """Record an alarm, and pass it on."""
+        """Record an alarm, and pass it on to the other listener."""
         self.notes.append(text)
         super().alarm(text)
 
@@ -87,7 +87,7 @@ def player_for(
 
 
 def summed_up(request: ReplayRequest, played: Played, command_line: str, notes: Sequence[str] = ()) -> Played:
-    """Return a replay's summary with notes and provenance, for which the recording is hashed."""
+    """Add notes and provenance to a replay's summary, and return it; the recording is hashed for this."""
     played.notes = tuple(notes)
     played.provenance = provenance_of(command_line, sources_of({"recording": Path(request.recording)}))
     return played

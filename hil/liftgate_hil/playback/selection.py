@@ -26,7 +26,7 @@ Blocks = Iterator[NDArray[np.void]]
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection of a recording's frames by time [s], direction, and identifiers included or left out."""
+    """Selection of a recording's frames by time [s], ends included, direction, and identifiers in or left out."""
 
     direction: str = ""  # sent, received or both; empty: sent if there are such frames, else both
     only: tuple[tuple[int, int], ...] = ()  # ranges of identifiers, both ends included; none: all
@@ -50,6 +50,7 @@ class Selection:
 
 
 def _among(frames: NDArray[np.void], ranges: Sequence[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Return the mask (n,) of the frames whose identifier is in one of the ranges, both ends included."""
     numbers = frames["identifier"] & _NUMBER
     found = np.zeros(len(frames), dtype=bool)
     for low, high in ranges:

@@ -78,7 +78,7 @@ def _is_protection(name: str) -> bool:
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
-    """Group related columns for panels: both drives' with their sensed values. Raises ConfigError."""
+    """Return columns grouped by panel: both drives' and their sensed values share one. Raises ConfigError."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:
         panels.setdefault(_panel_of(name, table), []).append(name)
@@ -112,7 +112,7 @@ def run_picture(
     with sheet(HEIGHT * len(panels) + 0.6, title) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
-            for name, looks in zip(names, _repeated(len(names)), strict=True):
+            for name, looks in zip(names, _looks_for(len(names)), strict=True):
                 _draw(axis, columns["time_s"], columns[name], looks, _short(name), name in INPUT_SIGNALS)
             axis.set_ylabel(_label(names[0] if len(names) == 1 else _common(names), units[names[0]]))
             if len(names) > 1:
@@ -175,7 +175,8 @@ def two_pictures(
     return figure
 
 
-def _repeated(count: int) -> list[tuple[str, Any, float]]:
+def _looks_for(count: int) -> list[tuple[str, Any, float]]:
+    """Return colour, line style and width for each of `count` columns in a panel, repeated after the last look."""
     if count == 1:
         return [(FINAL, "-", 1.4)]
     return [_LOOKS[k % len(_LOOKS)] for k in range(count)]

@@ -88,7 +88,7 @@ def _draw_balance(axis: Axes, angles: Floats, balance: Balance) -> None:
 def _draw_drives(
     axis: Axes, angles: Floats, rest: Rest, balance: Balance, stalled: SteadyTurning, rated: SteadyTurning
 ) -> None:
-    """Draw the drives' torque at stall and rated, after their friction, and the torque that the gate needs."""
+    """Draw the drives' torque on the gate, stalled and rated, less their friction, and what the gate needs."""
     for along, word, colour in ((OPENING, "opening", FINAL), (CLOSING, "closing", INITIAL)):
         for turning, how, dashes, width in ((stalled, "stalled", "-", 1.8), (rated, "rated", (0, (5, 2)), 1.8)):
             own = (along * turning.torques[0], along * turning.torques[1])

@@ -122,6 +122,7 @@ def _name_least(axis: Axes, slopes: Floats, voltages: Floats, margins: Floats, t
 
 
 def _fill(axis: Axes, across: Floats, up: Floats, margin: Floats, look: tuple[str, str, str]) -> None:
+    """Fill the area in which a margin over (across, up) is positive; `look`: meaning, colour, hatch."""
     _, colour, hatch = look
     areas = axis.contourf(across, up, margin.T, levels=[0.0, _MOST], colors=[colour], hatches=[hatch])
     areas.set_edgecolor(MEASURED)

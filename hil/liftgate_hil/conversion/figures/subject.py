@@ -93,7 +93,7 @@ def taken(subject: FigureSubject, wanted: Sequence[str], optional: Sequence[str]
 
 
 def complete(columns: Columns, names: Sequence[str]) -> Columns:
-    """Return the rows in which all of several columns have a finite value."""
+    """Return the rows in which all of the columns `names` have a finite value."""
     kept = np.logical_and.reduce([np.isfinite(columns[name]) for name in names])
     return {name: values[kept] for name, values in columns.items()}
 
@@ -108,7 +108,7 @@ class _Place(NamedTuple):
 
 
 def _places(table: Recording, rig: str | None, names: Sequence[str]) -> dict[str, _Place]:
-    """Return which column of a table holds each of our columns `names`, as true or as sensed values."""
+    """Return which column of a table holds each of our columns `names`, true or sensed; those without: omitted."""
     signals = list(table.signals)
     wired = {} if rig is None else ours_in(rig, signals)
     wires = {} if rig is None else mappings_of(rig)

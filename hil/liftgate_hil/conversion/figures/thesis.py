@@ -80,7 +80,7 @@ def _draw_electric(axis: Axes, columns: Columns) -> None:
 
 
 def _bounds(columns: Columns, ending: str) -> tuple[float, float]:
-    """Return how far columns extend below and above zero, the latter at least 1."""
+    """Return how far the drives' columns with an ending reach below zero (0 or more) and above it (at least 1)."""
     values = np.concatenate([columns[f"{side}{ending}"] for side in DRIVES if f"{side}{ending}" in columns])
     known = values[np.abs(values) < 1e30]
     if not len(known):
