@@ -192,7 +192,7 @@ def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, 
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """Return the mechanism's mean force on the gate over a step."""
+    """Return the mechanism's mean force on the gate over a step, linear in the final rate of its extension."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     stretch = stretch_in(drive, state, middle, side, guess)
