@@ -144,8 +144,7 @@ class Pump:
             self._failure = error
 
     def _inwards(self) -> None:
-        """Carry received frames from the transport to the loop; before `drain` and during it, drop and count
-        them."""
+        """Carry received frames from the transport to the loop; drop and count them before and during `drain`."""
         stint = _Stint()
         while not self._stopping:
             stint.give_way()
