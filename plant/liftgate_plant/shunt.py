@@ -25,7 +25,7 @@ class Ripple(NamedTuple):
 
 @compilable
 def low_passed(filtered: float, path: CurrentPath, constant: float, step: float) -> float:
-    """Return the current at the end of the step behind a low-pass of the time constant T [s].
+    """Return the current [A] at the end of the step behind a low-pass of the time constant T [s].
 
     `filtered` is the low-pass's output at the step's start.
     """
@@ -47,7 +47,7 @@ def low_passed(filtered: float, path: CurrentPath, constant: float, step: float)
 
 @compilable
 def rippled(ripple: Ripple, constant: float, step: float) -> float:
-    """Return the ripple's contribution at the end of the step behind a low-pass of the time constant T [s].
+    """Return the ripple's contribution [A] at the end of the step behind a low-pass of the time constant T [s].
 
     Without a low-pass (T = 0) it is the ripple's mean over the step.
     """
