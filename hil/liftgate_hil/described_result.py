@@ -71,6 +71,7 @@ def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
 
 
 def _object_of(record: Any) -> dict[str, Any]:
+    """Return the public fields of a result, or of a NamedTuple, as plain values by key."""
     found: dict[str, Any] = {}
     for name, (_, shown) in shown_in(type(record)).items():
         value = getattr(record, name)
@@ -135,6 +136,7 @@ def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
 
 
 def _is_list(hint: Any) -> bool:
+    """Whether a type hint is a list or tuple, or a union or annotation of one."""
     return any(get_origin(each) is tuple or get_origin(each) is list for each in (hint, *get_args(hint)))
 
 

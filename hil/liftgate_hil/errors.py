@@ -9,7 +9,7 @@
     ├── DiagnosticsError     the ECU under test refused a diagnostic request, or did not answer it
     ├── RunGoneError         a run that was attached to has ended, or does not answer
     ├── PreconditionError    the precondition of a scenario was not reached
-    └── PlantDivergedError   the plant's state is no longer finite
+    └── PlantDivergedError   the plant's state is no longer finite or plausible
 
 A bad frame on the bus raises none of these: it is counted, and the run goes on.
 
@@ -39,7 +39,7 @@ def allowed_names(name: str, known: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str], most: int = 3) -> list[str]:
-    """Return the known names similar to a name: they begin with it, contain it, or are spelled alike."""
+    """Return at most `most` known names that begin with a name, contain it or are spelled alike; of "" none."""
     from difflib import get_close_matches  # takes as long as this file
 
     names, sought = list(known), name.lower()
@@ -153,7 +153,7 @@ class DiagnosticsError(LiftgateError):
 
 
 class PlantDivergedError(LiftgateError):
-    """Raised when the plant's state is no longer finite."""
+    """Raised when the plant's state is no longer finite, exceeds its limits, or gains energy undriven."""
 
     @classmethod
     def at(cls, time: float, remedy: str = "a higher `rate`", found: str = "") -> PlantDivergedError:
@@ -215,7 +215,7 @@ class ConfigIssues:
             self.take([f"{source}: {key}: {message}"])
 
     def take(self, lines: Iterable[str]) -> None:
-        """Add issues given as complete lines, each once."""
+        """Add issues given as complete lines, each once; of more than MOST only the number is kept."""
         for line in lines:
             if line in self.lines:
                 continue

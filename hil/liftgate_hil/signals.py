@@ -234,6 +234,7 @@ def _starts(name: str, parts: _Parts) -> Any:
 
 
 def _places(name: str, signals: dict[str, Signal]) -> Any:
+    """Return the index of each signal in a table, as a named tuple."""
     return namedtuple(name, signals)(*range(len(signals)))
 
 
@@ -249,7 +250,7 @@ BUS_OUTPUTS: dict[str, Signal] = whole(_OUTPUTS)
 
 
 def renamed_output(name: str) -> str:
-    """Return the present name of an output formerly called `name`, a true value without sensor; "": none."""
+    """Return the present name of an output whose name had no prefix `true_` formerly; "": it is none of these."""
     is_old = name not in BUS_OUTPUTS and TRUE_PREFIX + name in BUS_OUTPUTS
     return TRUE_PREFIX + name if is_old else ""
 

@@ -61,7 +61,7 @@ def outlined(function: F) -> F:
 
 
 def compiled(function: F) -> F:
-    """Return the machine code of `function`, compiled at its first call (or read from the disk)."""
+    """Return the machine code of `function`, compiled or read from the disk at its first call."""
     if not enabled():
         return function
     return _entry(function)  # type: ignore[return-value]
@@ -142,6 +142,7 @@ class Entry:
 
 @functools.cache
 def _entry(function: Callable[..., Any]) -> Entry:
+    """Return the only Entry of a function. Raises RuntimeError for a numpy whose arrays have another layout."""
     if not packing.is_as_expected():
         raise RuntimeError("numpy has another array layout than 2.x; allowed: numpy 2.x")
     return Entry(function)

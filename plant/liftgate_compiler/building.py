@@ -46,7 +46,7 @@ def check_numba() -> None:
 
 
 def _numbers_of(version: str) -> tuple[int, ...]:
-    """Return the leading numbers of a version text."""
+    """Return the first three numbers in a version text, or as many as there are."""
     return tuple(int(each) for each in re.findall(r"\d+", version)[:3])
 
 
@@ -76,11 +76,13 @@ def key_of(function: Callable[..., Any]) -> str:
 
 @functools.cache
 def _sources(function: Callable[..., Any], registered: int) -> Sources:
+    """Return the sources of an entry point, cached while the number of compilable functions is `registered`."""
     return Sources(function, compilable_functions)
 
 
 @functools.cache
 def _key(function: Callable[..., Any], registered: int) -> str:
+    """Return what `key_of` returns, cached while the number of compilable functions is `registered`."""
     return _sources(function, registered).digest(_environment())
 
 

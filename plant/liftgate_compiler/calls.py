@@ -23,6 +23,7 @@ class System:
 
     @functools.cached_property
     def _plain(self) -> Callable[..., int]:
+        """The C function by ctypes, for calls from plain Python."""
         function = getattr(ctypes.CDLL(None, use_errno=True), self.name)
         function.restype = _KINDS[self.result]
         function.argtypes = [_KINDS[kind] for kind in self.arguments]

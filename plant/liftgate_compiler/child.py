@@ -70,6 +70,7 @@ class _Compiler:
                 self.end()
 
     def _answer(self, request: bytes, look: Callable[[], None]) -> Any:
+        """Send a request and return its answer; None: the process ended by itself. Raises as `answer` does."""
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None
@@ -113,7 +114,7 @@ class _Kept:
 
     @classmethod
     def taken(cls) -> _Compiler | None:
-        """Take over and return the kept process; None if there is none."""
+        """Return the kept process, which is then kept no longer; None if there is none."""
         compiler, cls.compiler = cls.compiler, None
         return compiler
 

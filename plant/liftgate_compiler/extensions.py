@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls, allow-untyped-decorators
-"""numba extensions for this package's own functions and types; importing the module registers them."""
+"""numba extensions for this package's functions and types, registered on import; `_lower_…` emit LLVM code."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ _ERRNO = "__errno_location"  # of the C library: int *(void)
 
 @typeof_impl.register(System)
 def _type_of_system(value: System, context: Any) -> Any:
+    """Return numba's type for a System: an external C function."""
     arguments = [_KINDS[kind] for kind in value.arguments]
     return types.ExternalFunction(value.name, _KINDS[value.result](*arguments))
 
 
 def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> None:
-    """Register `signature_of` with numba: it returns a function's signature for its argument types."""
+    """Register `signature_of` with numba: called with argument types, it returns the function's signature."""
 
     def typing(context: Any) -> Any:
         return signature_of
@@ -54,28 +55,30 @@ _typed(all_finite, lambda numbers: signature(types.boolean, numbers))
 
 
 def _tuple_of(item: Any, places: Any) -> Any:
+    """Return numba's type for a NamedTuple like `places` whose values are all of the type `item`."""
     return types.BaseTuple.from_types([item] * len(places), places.instance_class)
 
 
 @lower_builtin(last_error)
-def _read_errno(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _lower_last_error(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     kind = ir.FunctionType(ir.IntType(32).as_pointer(), [])
     return builder.load(builder.call(cgutils.get_or_insert_function(builder.module, kind, _ERRNO), []))
 
 
 @lower_builtin(call_long_int, _LONG, _LONG, _INT)
 @lower_builtin(call_step, _LONG, _LONG, _LONG, _LONG, _INT, _LONG, _INT)
-def _call_address(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _lower_call_at_address(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     kind = ir.FunctionType(ir.IntType(32), [each.type for each in values[1:]])
     return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
 
 
 def _values_of(builder: Any, numbers: Any, value: Any) -> list[Any]:
+    """Return the LLVM values of all numbers in a tuple."""
     return [builder.extract_value(value, place) for place in range(len(numbers))]
 
 
 @lower_builtin(fill, types.Array, types.intp, types.BaseTuple)
-def _store_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_fill(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, _, numbers = signature.args
     array = context.make_array(kind)(context, builder, value=arguments[0])
     for place, value in enumerate(_values_of(builder, numbers, arguments[2])):
@@ -86,7 +89,7 @@ def _store_all(context: Any, builder: Any, signature: Any, arguments: Any) -> An
 
 
 @lower_builtin(picked, types.Array, types.BaseTuple)
-def _load_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_picked(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind, places = signature.args
     array = context.make_array(kind)(context, builder, value=arguments[0])
     values = []
@@ -97,7 +100,7 @@ def _load_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any
 
 
 @lower_builtin(unflattened, types.Array, types.BaseTuple)
-def _load_in_order(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_unflattened(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     kind = signature.args[0]
     array = context.make_array(kind)(context, builder, value=arguments[0])
     taken = 0
@@ -115,7 +118,7 @@ def _load_in_order(context: Any, builder: Any, signature: Any, arguments: Any) -
 
 
 @lower_builtin(with_item, types.BaseTuple, types.intp, types.float64)
-def _replace_one(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_with_item(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     numbers, place, value = arguments
     memory = cgutils.alloca_once_value(builder, numbers)
     builder.store(value, cgutils.gep_inbounds(builder, memory, 0, place))
@@ -123,7 +126,7 @@ def _replace_one(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 
 
 @lower_builtin(overlay, types.BaseTuple, types.BaseTuple)
-def _choose_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_overlay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     upper, lower = (
         _values_of(builder, kind, value) for kind, value in zip(signature.args, arguments, strict=True)
     )
@@ -135,7 +138,7 @@ def _choose_all(context: Any, builder: Any, signature: Any, arguments: Any) -> A
 
 
 @lower_builtin(all_finite, types.BaseTuple)
-def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_all_finite(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     # x − x is 0, or NaN for infinity and NaN; summed as a tree, as in a chain each sum would wait for the last.
     values = _values_of(builder, signature.args[0], arguments[0])
     parts = [builder.fsub(value, value) for value in values]
@@ -146,7 +149,7 @@ def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 
 
 @lower_builtin(put_text, types.Array, types.intp, types.Array, types.intp, types.intp)
-def _copy_words(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _lower_put_text(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     # Where both arrays have ROOM bytes, all are read before any is written: short text costs two moves each way.
     room = context.get_constant(types.intp, ROOM)
     places, is_near = [], builder.icmp_signed("<=", arguments[4], room)

@@ -72,6 +72,7 @@ def text_of(kind: Kind) -> str:
 
 
 def _name_of(named: type[Any] | None) -> str:
+    """Return module and name of a NamedTuple's class as text; "": a plain tuple."""
     return "" if named is None else f"{named.__module__}:{named.__qualname__}"
 
 

@@ -18,6 +18,8 @@ from numba.core.compiler_machinery import PassManager
 
 
 class _Library(codegen.JITCodeLibrary):
+    """numba library whose functions are optimised little, as only entry points need more."""
+
     def _optimize_functions(self, ll_module: Any) -> None:
         """Optimise a module as numba does, but with one pass manager for all its functions, and at -O1.
 
@@ -159,6 +161,7 @@ class _Passes(PassManager):
     """
 
     def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
+        """Run one pass on the compiler's state."""
         pss.analysis = self._analysis
         for run in (pss.run_initialization, pss.run_pass, pss.run_finalizer):
             run(internal_state)

@@ -64,6 +64,7 @@ class MachineCode:
 
 @functools.cache
 def _target() -> Any:
+    """Return LLVM's target for this machine, with the C library's mathematical functions loaded."""
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
     llvm.initialize_native_target()
@@ -73,6 +74,7 @@ def _target() -> Any:
 
 
 def _engine_with(code: bytes, thunks: Mapping[str, Any]) -> Any:
+    """Return an LLVM engine with an object file; the C functions named in `thunks` are replaced by these."""
     import llvmlite.binding as llvm
 
     machine = _target().create_target_machine(codemodel="jitdefault", jit=True)

@@ -98,7 +98,7 @@ def _kind_of(numba_type: Any) -> Kind:
 
 
 def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
-    """Return the object file, with one function that is called from outside."""
+    """Return an entry point's object file, with one exported function, and its result's kind. Raises TypeError."""
     context, signature = compiled.target_context, compiled.signature
     codegen = context.codegen()
     library = linking.ExportLibrary(codegen, SYMBOL)
@@ -132,6 +132,7 @@ def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
 
 
 def _field(builder: Any, object_: Any, offset: int, kind: Any = _WORD) -> Any:
+    """Return the LLVM value of an object's field, at an offset [bytes] from the object's address."""
     address = builder.add(object_, _WORD(offset))
     return builder.load(builder.inttoptr(address, kind.as_pointer()))
 
@@ -203,11 +204,12 @@ class _Reader:
         return slot
 
     def _array(self, kind: Array, numba_type: Any, object_: Any) -> Any:
+        """Return the generated LLVM value of an array, after a check of its Python object."""
         builder = self._builder
         wanted = packing.ALIGNED
         wanted |= packing.WRITABLE if kind.is_writable else 0
         wanted |= {"C": packing.C_CONTIGUOUS, "F": packing.F_CONTIGUOUS, "A": 0}[kind.layout]
-        self._unless(
+        self._return_unfit_unless(
             builder.call(
                 self._fits,
                 [
@@ -237,7 +239,8 @@ class _Reader:
         )
         return array._getvalue()
 
-    def _unless(self, condition: Any) -> None:
+    def _return_unfit_unless(self, condition: Any) -> None:
+        """Generate LLVM code that returns UNFIT unless a condition holds."""
         with self._builder.if_then(self._builder.not_(condition), likely=False):
             self._builder.ret(_INT(UNFIT))
 
@@ -261,6 +264,7 @@ def _write(context: Any, builder: Any, numba_type: Any, value: Any, memory: Any)
 
 
 def _word_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
+    """Return the generated 64-bit LLVM value by which a number or array is written to memory."""
     if isinstance(part, types.Array):
         return _owner_of(context, builder, part, value)
     if isinstance(part, types.Boolean):
@@ -271,7 +275,7 @@ def _word_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
 
 
 def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
-    """Return the address of the Python object that owns an array's data."""
+    """Return the generated address of the Python object that owns an array; the code may return STRANGE_ARRAY."""
     array = context.make_array(part)(context, builder, value=value)
     owner = builder.ptrtoint(array.parent, _WORD)
     has_none = builder.icmp_unsigned("==", owner, _WORD(0))

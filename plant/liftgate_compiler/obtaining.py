@@ -92,13 +92,13 @@ def machine_code_of(
         if _is_compiling.is_set():
             watcher().waits(function.__qualname__, time.monotonic() - began)
     try:
-        stored = _from_disk(function, kinds)
+        stored = _read_or_compiled(function, kinds)
     finally:
         lock.release()
     return MachineCode(function.__qualname__, stored.code, kinds, stored.result, stand_ins)
 
 
-def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
+def _read_or_compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
     """Return machine code stored on disk, or compile and store it; disk errors are only reported."""
     path = building.file_of(function, kinds)
     with contextlib.ExitStack() as stack:
@@ -113,6 +113,7 @@ def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
 
 
 def _in_turn(function: Callable[..., Any], kinds: tuple[Kind, ...], path: Path, turn: storage.Turn) -> Stored:
+    """Wait for the turn to compile; return what another process has stored meanwhile, or compile and store it."""
     began = time.monotonic()
     while not turn.taken():
         watcher().waits(function.__qualname__, time.monotonic() - began)
@@ -130,12 +131,14 @@ def _in_turn(function: Callable[..., Any], kinds: tuple[Kind, ...], path: Path, 
 
 
 def _reason(error: OSError) -> str:
+    """Return in words why machine code cannot be read or stored."""
     if isinstance(error, storage.NotOursError):
         return str(error)
     return f"{storage.root()}: {error.strerror or error}"
 
 
 def _compiled(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
+    """Compile an entry point, in a separate process where possible, and inform the watcher meanwhile."""
     name, began = function.__qualname__, time.monotonic()
 
     def look() -> None:

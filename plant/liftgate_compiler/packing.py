@@ -59,13 +59,14 @@ def is_as_expected() -> bool:
 
 
 def _word(address: int) -> int:
+    """Return the 64-bit integer at an address in memory."""
     return ctypes.c_int64.from_address(address).value
 
 
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
     """Return a function that packs arguments of these kinds, or returns None for arguments of others."""
     code = _Packing()
-    arguments = "".join(f"{code.name_of(each)}, " for each in kinds)
+    arguments = "".join(f"{code.add_argument(each)}, " for each in kinds)
     lines = [
         "def pack(arguments):",
         "    try:",
@@ -103,7 +104,7 @@ class _Packing:
         self.known: dict[str, Any] = {"BOOLS": (bool, np.bool_), "dtype_of": np.ndarray.dtype.__get__}
         self._names = 0
 
-    def name_of(self, kind: Kind) -> str:
+    def add_argument(self, kind: Kind) -> str:
         """Add an argument of a kind to the packing function; return its variable's name.
 
         This adds the argument's checks, its values and their format to the function.
@@ -128,13 +129,15 @@ class _Packing:
         return name
 
     def _take_apart(self, name: str, kind: Tuple) -> None:
+        """Add the type check and the parts of the tuple in the variable `name`."""
         self.steps.append(f"if type({name}) is not {self._constant(kind.type or tuple)}: return None")
         place = len(self.steps)
         self.steps.append("")  # placeholder: this step goes before those of its parts
-        parts = "".join(f"{self.name_of(each)}, " for each in kind.parts)
+        parts = "".join(f"{self.add_argument(each)}, " for each in kind.parts)
         self.steps[place] = f"({parts}) = {name}"
 
     def _constant(self, value: Any) -> str:
+        """Make an object available to the packing function; return its variable's name."""
         name = f"K{len(self.known)}"
         self.known[name] = value
         return name

@@ -46,6 +46,7 @@ class Sources:
         return _hash_of("\0".join((*sorted(self._parts), *more)).encode())[:16]
 
     def _add_function(self, function: Any) -> None:
+        """Add a compilable function: its file, code, defaults, and all objects that it names."""
         if function in self.functions:
             return
         self.functions.add(function)
@@ -64,6 +65,7 @@ class Sources:
             self._add(f"{name}({place})", default, names)
 
     def _add_names(self, names: Iterable[str], scope: dict[str, Any]) -> None:
+        """Add the objects with these names in a module's or function's globals, `scope`."""
         for name in set(names) & scope.keys():
             self._add(f"{scope.get('__name__')}.{name}", scope[name], names)
 
@@ -85,6 +87,7 @@ class Sources:
             self._parts.add(f"value {name} {_text_of(value)}")
 
     def _add_type(self, kind: type) -> None:
+        """Add a type of this program's packages: its file, its fields, and its bases."""
         if kind in self._seen or _package_of(kind) not in self._packages:
             return
         self._seen.add(kind)
@@ -97,6 +100,7 @@ class Sources:
             self._add_type(base)
 
     def _add_annotations(self, annotations: dict[str, Any], scope: dict[str, Any]) -> None:
+        """Add the types in annotations; those given as text are looked up in `scope`."""
         names: set[str] = set()
         for annotation in annotations.values():
             for each in _flat(annotation):
@@ -107,10 +111,12 @@ class Sources:
         self._add_names(names, scope)
 
     def _add_file(self, module: str, file: str | None) -> None:
-        self._parts.add(f"file {module} {_content_of(file)}")
+        """Add the hash over a module's file."""
+        self._parts.add(f"file {module} {_hash_of_file(file)}")
 
 
 def _package_of(thing: Any) -> str:
+    """Return the name of the top-level package of a function or type."""
     return str(thing.__module__).partition(".")[0]
 
 
@@ -119,7 +125,8 @@ def _hash_of(content: bytes) -> str:
 
 
 @functools.cache
-def _content_of(file: str | None) -> str:
+def _hash_of_file(file: str | None) -> str:
+    """Return the hash over a file's content; "": it cannot be read."""
     try:
         return _hash_of(Path(file or "").read_bytes())
     except OSError:  # not from a file, as code typed at a prompt: its bytecode is hashed anyway
@@ -135,6 +142,7 @@ def _codes_in(code: CodeType) -> Iterator[CodeType]:
 
 
 def _text_of_code(code: CodeType) -> str:
+    """Return a text, the same in every process, for a code object without those nested in it."""
     constants = tuple(each for each in code.co_consts if not isinstance(each, CodeType))
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     return f"{code.co_name} {code.co_code.hex()} {names} {_text_of(constants)}"

@@ -42,6 +42,7 @@ def root() -> Path:
 
 
 def _home() -> Path:
+    """Return the user's home folder; /dev/null where there is none."""
     try:
         return Path.home()
     except RuntimeError:  # a user without a home, as in containers: nothing can be stored
@@ -94,6 +95,7 @@ def check_ours(folder: Path) -> None:
 
 
 def _check(status: os.stat_result, path: Path) -> None:
+    """Raise NotOursError if the file or folder with this status belongs to others, or they may write to it."""
     if status.st_uid != os.geteuid():
         raise NotOursError(f"{path} belongs to another user")
     if status.st_mode & _OTHERS_WRITE:
@@ -102,7 +104,7 @@ def _check(status: os.stat_result, path: Path) -> None:
 
 @contextlib.contextmanager
 def turn(folder: Path) -> Iterator[Turn]:
-    """Context with the lock by which only one process at a time compiles. Raises OSError.
+    """Context with the Turn of an entry point's folder, by which one process at a time compiles. Raises OSError.
 
     Other processes wait, and read what that process has stored.
     """
@@ -155,6 +157,7 @@ def note_duration(name: str, seconds: float) -> None:
 
 
 def _durations() -> dict[str, float]:
+    """Return the durations [s] of the last compilations by entry point; {}: none, or not readable."""
     try:
         found = json.loads((root() / _DURATIONS).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -112,7 +112,7 @@ def coasting(
 
 @compilable
 def restart(excess: float, growth: float, earliest: float, step: float) -> float:
-    """Return the time [s] in a step at which a back-EMF starts to drive a current through the diodes.
+    """Return the time [s] in a step from which on a back-EMF drives current through the diodes; `step`: never.
 
     The EMF is `excess` [V] over its limit at the step's start, and grows by `growth` [V] over the step.
     """

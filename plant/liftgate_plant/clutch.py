@@ -39,7 +39,7 @@ GRIP = Slips(0.0, 0.0)
 
 @compilable
 def slipping(limit: float, force: float) -> float:
-    """Return the force [N] of a slipping clutch in a step with mean force `force` without slip; 0: it grips."""
+    """Return the signed force [N] of a clutch that slips, as `force` without slip exceeds `limit`; 0: it grips."""
     return math.copysign(limit, force) if limit > 0.0 and abs(force) > limit else 0.0
 
 
@@ -52,7 +52,7 @@ def limited(limit: float, force: float) -> float:
 
 @compilable
 def push_through(slipping: float, push: LinearizedForce) -> LinearizedForce:
-    """Return the mechanism's mean force on the gate over a step, limited by the clutch."""
+    """Return the mean force on the gate over a step: the mechanism's, or `slipping` [N] of a clutch that slips."""
     return push if slipping == 0.0 else LinearizedForce(slipping, 0.0)
 
 
@@ -66,7 +66,7 @@ def way(
     moved: float,
     step: float,
 ) -> float:
-    """Return the slip [m] of a clutch in a step; 0 if it grips.
+    """Return the slip [m] of a clutch in a step, signed as its force `slipping` [N]; 0 if it grips.
 
     The slip is the change of the mechanism's extension [m] without slip (`moved`), less the change with which the
     mechanism settles on the clutch's force.

@@ -56,6 +56,7 @@ def _reader() -> Callable[[Constants], tuple[float, ...]]:
 
 
 def _paths(name: str, kind: Any) -> Iterator[str]:
+    """Yield the paths, beginning with `name`, of all numbers in a NamedTuple class and those within it."""
     for field, hint in get_type_hints(kind).items():
         path = f"{name}.{field}" if name else field
         if hasattr(hint, "_fields"):

@@ -37,7 +37,7 @@ def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
 
 @compilable
 def positive_part(start: float, end: float) -> tuple[float, float]:
-    """Return the interval within [0, 1] on which a straight line from `start` to `end` is positive."""
+    """Return the interval in [0, 1] where a straight line from `start` to `end` is positive; (0, 0): nowhere."""
     if start > 0.0:
         if end >= 0.0:
             return 0.0, 1.0

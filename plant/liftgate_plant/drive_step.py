@@ -168,7 +168,7 @@ def balance(
 
 @compilable
 def sliding(drive: MomentumEquation, rate: float) -> float:
-    """Return the torque that moves a drive's shaft beyond its friction; 0: friction holds the shaft.
+    """Return the torque [N m], signed, that moves a drive's shaft beyond its friction; 0: friction holds it.
 
     `rate` is that of the drive's side of the gate.
     """
@@ -192,7 +192,7 @@ def stretch_in(drive: Drive, state: DriveState, middle: Midpoint, side: Motion, 
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """Return the mechanism's mean force on the gate over a step."""
+    """Return the mechanism's mean force on the gate over a step, linear in the final rate of its extension."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     stretch = stretch_in(drive, state, middle, side, guess)
@@ -227,7 +227,7 @@ def slip_way(
 
 @compilable
 def would_slip(drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float) -> float:
-    """Return the force of a slipping clutch at these final speeds of motor and gate; 0: it grips."""
+    """Return the signed force [N] of a slipping clutch at these final speeds of motor and gate; 0: it grips."""
     if drive.clutch_force == 0.0:
         return 0.0
     force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)

@@ -342,7 +342,7 @@ def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
 
 @compilable
 def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
-    """Return the torque [N m] of snow and hand that twists the gate."""
+    """Return the torque [N m] of snow and hand that twists the gate; positive opens its left side."""
     around = plant.environment
     snow = share_at(plant.torsion, around.snow_lateral)
     hand = share_at(plant.torsion, around.hand_lateral)

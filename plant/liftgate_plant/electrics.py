@@ -190,7 +190,7 @@ def around(
 
 @compilable
 def directly_on(drive_input: DriveInput) -> Switching:
-    """Return the model of a bridge without switching: its PWM's mean, or a directly applied voltage.
+    """Return the Switching of a bridge that does not switch: its PWM's mean, or a directly applied voltage.
 
     A measurement while the PWM is on sees the motor's whole current. The result is NO_SWITCHING if nothing is
     applied.
@@ -206,7 +206,7 @@ def directly_on(drive_input: DriveInput) -> Switching:
 
 @compilable
 def coasting_share(coast: Coasting) -> float:
-    """Return the share of a coasting motor's current that flows through the source, signed.
+    """Return the share of a coasting motor's current that flows through the source: 1, −1 or 0.
 
     The source supplies none of it: all of the current flows back.
     """

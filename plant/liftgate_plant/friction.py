@@ -53,7 +53,7 @@ def turns(limit: float, start: float, end: float) -> bool:
 
 @compilable
 def turning_bias(limit: float, start: float, end: float) -> float:
-    """Return the mean dry friction torque of a step in which the speed passes zero."""
+    """Return the mean dry friction torque [N m], signed, of a step in which the speed passes zero."""
     before = abs(start) / (abs(start - end) + limit)
     return math.copysign(limit, start) * (2.0 * before - 1.0)
 

@@ -66,6 +66,7 @@ def frictions_in(profile: FrictionProfile, plant: Plant, state: State, step: flo
 
 @compilable
 def _middle(drive: DriveState, step: float) -> float:
+    """Return a drive's position [rev] in the middle of a step."""
     return drive.position + 0.5 * step * drive.speed
 
 
@@ -121,6 +122,7 @@ def _life(own: Friction) -> float:
 def _over_travel(
     tables: DriveTables, places: NDArray[np.float64], stroke: float, drive: int
 ) -> NDArray[np.float64]:
+    """Return a drive's friction factor at `places` [m] of the travel, without those of life and run."""
     own, number = tables.friction, int(tables.friction.position_profile)
     result = np.ones(len(places))
     if own.position_table:

@@ -68,7 +68,7 @@ def at_side(own: Motion, state: State, twist_rate_end: float, torsion: Torsion, 
 def gate_contact(
     stiffness: float, damping: float, depth: float, lever: float, arm: float, motion: Motion, step: float
 ) -> LinearizedForce:
-    """Return a contact's mean torque on the gate over a step, linear in the gate's final rate ω1.
+    """Return a contact's mean torque [N m] on the gate over a step, linear in the gate's final rate ω1.
 
     The contact's depth shrinks by lever · ω, and its force acts at `arm`.
     """
@@ -99,7 +99,7 @@ def stop_contacts(drive: Drive, middle: Midpoint, stroke: float, side: Motion, s
 def home_contacts(
     plant: Plant, state: State, middle: Midpoint, own: Motion, cinched: float, step: float
 ) -> LinearizedForce:
-    """Return the mean torque of the contacts at the closed gate: seal, latch's claw and hook.
+    """Return the mean torque [N m] of the contacts at the closed gate: seal, latch's claw and hook.
 
     A cinching motor may draw the hook home.
     """
@@ -120,7 +120,7 @@ def home_contacts(
 
 @compilable
 def hook_contact(claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float) -> LinearizedForce:
-    """Return the mean torque of the latch's hook on the gate over a step.
+    """Return the mean torque [N m] of the latch's hook on the gate over a step, linear in its final rate.
 
     While the cinching motor pulls, neither stalled nor without load, motor and hook are one body that yields;
     otherwise the hook moves with the motor's mean speed.
@@ -144,7 +144,7 @@ def hook_contact(claw: Claw, caught: LatchState, own: Motion, cinched: float, st
 
 @compilable
 def pinch_contact(body: Obstacle, place: Motion, step: float) -> LinearizedForce:
-    """Return the mean torque of an obstacle on the gate, with the gate's motion at the obstacle."""
+    """Return the mean torque [N m] of an obstacle on the gate over a step, by the gate's motion there."""
     depth = obstacle.depth(body, place.angle)
     arm = body.direction * body.distance
     return gate_contact(body.stiffness, body.damping, depth, arm, arm, place, step)

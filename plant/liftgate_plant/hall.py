@@ -232,7 +232,7 @@ def see(hall: Any, counts: float, channel: int, a: int, b: int, time: float, dri
 
 @outlined
 def extra_edges(fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing) -> None:
-    """Generate spurious edges at the mean rate of the fault."""
+    """Process a tick's spurious edges, at the mean rate of the fault, as `see` does."""
     count = fault.extra * tick.length
     drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive)
     edges = int(count + drawn)

@@ -123,7 +123,7 @@ def claw_of(latch: Latch) -> Claw:
 
 @compilable
 def takes_up(angle: float, released: float) -> bool:
-    """Whether a latch catches a gate at this angle [rad]; `released` is 1.0 while the latch is driven open."""
+    """Whether a latch without positions catches a gate at an angle [rad]; `released`: 1.0 while driven open."""
     return angle <= 0.0 and released == 0.0
 
 
@@ -163,7 +163,7 @@ def hook_place(claw: Claw, state: LatchState) -> float:
 
 @compilable
 def is_to_pull(claw: Claw, state: LatchState, cinched: float) -> bool:
-    """Whether the cinching motor is to draw the claw home."""
+    """Whether the cinching motor is to draw a half closed claw home; `cinched` above 0: it is commanded to."""
     wanted = claw.cinch == AUTOMATIC or (claw.cinch == COMMANDED and cinched > 0.0)
     return state.claw == HALF and wanted
 

@@ -29,7 +29,7 @@ class Obstacle(NamedTuple):
 
 @compilable
 def depth(obstacle: Obstacle, angle: float) -> float:
-    """Return the penetration [m] of the gate into an obstacle, along the arc at its distance."""
+    """Return the penetration [m] of the gate into an obstacle along the arc at its distance; negative: apart."""
     return obstacle.direction * (obstacle.angle - angle) * obstacle.distance - obstacle.gap
 
 

@@ -307,7 +307,7 @@ def read_drives(
 def sense(
     sensors: Sensors, faults: Faults, plant: Plant, view: View, memory: SensorState, when: Tick
 ) -> tuple[SensorState, Sensed]:
-    """Read all sensors at the end of a tick; `memory` is written in place."""
+    """Return the sensors' state and readings at the end of a tick; the state is `memory`, written in place."""
     state, outputs, load = view.state, view.outputs, view.inputs.load
     degrees, seed, tick = 180.0 / math.pi, when.seed, when.number
     now = tick * when.length

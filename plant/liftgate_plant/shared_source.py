@@ -164,7 +164,7 @@ def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Bran
 
 @compilable
 def drawn_by(branch: Branch, is_on: bool, current: float) -> float:
-    """Return the current [A] that a branch with current `current` [A] draws from the source."""
+    """Return the current [A] that a branch with a current [A] draws from the source; negative: fed back."""
     return way_of(branch, is_on, current, 0.0).share * current if current != 0.0 else 0.0
 
 
@@ -328,7 +328,7 @@ def next_switch(now: float, period: float, on_left: float, on_right: float) -> f
 def over_a_period(
     left: Branch, right: Branch, start_l: float, start_r: float, source: float, resistance: float
 ) -> Period:
-    """Compute both currents over a PWM period that begins with `start_l` and `start_r` [A]."""
+    """Return both currents over a PWM period that begins with `start_l` and `start_r` [A]."""
     period = left.chopper.period if left.duty > 0.0 else right.chopper.period
     on_l, on_r = left.duty * period, right.duty * period
     i_l, i_r, now, by, sag = start_l, start_r, 0.0, SAME, Sag(source, resistance)

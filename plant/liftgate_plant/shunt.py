@@ -25,7 +25,7 @@ class Ripple(NamedTuple):
 
 @compilable
 def low_passed(filtered: float, path: CurrentPath, constant: float, step: float) -> float:
-    """Return the current at the end of the step behind a low-pass of the time constant T [s].
+    """Return the current [A] at the end of the step behind a low-pass of the time constant T [s].
 
     `filtered` is the low-pass's output at the step's start.
     """
@@ -47,7 +47,7 @@ def low_passed(filtered: float, path: CurrentPath, constant: float, step: float)
 
 @compilable
 def rippled(ripple: Ripple, constant: float, step: float) -> float:
-    """Return the ripple's contribution at the end of the step behind a low-pass of the time constant T [s].
+    """Return the ripple's contribution [A] at the end of the step behind a low-pass of the time constant T [s].
 
     Without a low-pass (T = 0) it is the ripple's mean over the step.
     """
@@ -118,7 +118,7 @@ _PIECES = 8  # largest number of pieces
 
 @compilable
 def commutated(ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float) -> float:
-    """Return the contribution of a commutation ripple to the reading at the end of the step.
+    """Return the contribution [A] of a commutation ripple to the reading at the end of the step.
 
     Where current or speed change much within the step, it is divided into pieces.
     """
@@ -150,7 +150,7 @@ def commutated(ripple: Commutation, path: CurrentPath, turning: Turning, constan
 
 @compilable
 def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
-    """Return the angle of commutation that passes between two times [s] of the step."""
+    """Return commutation angle and rate at two times [s] of the step, from those at its ends."""
     gain = (turning.end_rate - turning.start_rate) / step
     drift = turning.end - turning.start - 0.5 * (turning.start_rate + turning.end_rate) * step
     rate = turning.start_rate + drift / step

@@ -155,7 +155,7 @@ class Surroundings(NamedTuple):
 
 @compilable
 def switched(is_on: bool) -> float:
-    """Return the Signal of a switch: 1.0 on, 0.0 off."""
+    """Return a switch's value in a row: 1.0 on, 0.0 off."""
     return 1.0 if is_on else 0.0
 
 

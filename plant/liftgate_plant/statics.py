@@ -229,7 +229,7 @@ def _cold(rest: Rest) -> DriveState:
 
 
 def _balance_at(rest: Rest, angle: float) -> tuple[float, ...]:
-    """Return the torques of a Balance at one angle [rad]."""
+    """Return the torques [N m] of a Balance at one angle [rad], in the order of its fields after `angles`."""
     plant, load = rest.plant, rest.load
     link, ambient = plant.link, load.ambient_temperature
     extended, lever = gate.extension(link, angle), gate.lever(link, angle)

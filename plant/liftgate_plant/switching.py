@@ -39,7 +39,7 @@ def is_chopped(fed: Fed) -> bool:
 
 @compilable
 def drawn_share(period: float, freewheeling: float, duty: float) -> float:
-    """Return the share of a constant current along the duty that the source supplies over the period."""
+    """Return the share of a constant current along the duty that the source supplies; negative: it is fed back."""
     if period > 0.0 and freewheeling == FAST:
         return 2.0 * abs(duty) - 1.0
     return abs(duty)

@@ -43,7 +43,7 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 @compilable
 def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
-    """Return the longest time [ns] that any of the frames has waited since its arrival."""
+    """Return the longest time [ns] that any of the frames has waited since its arrival; 0: no frames."""
     longest = 0
     for i in range(frames.count):
         longest = max(longest, now_ns - stamps[i])

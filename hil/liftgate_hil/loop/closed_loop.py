@@ -46,7 +46,7 @@ class Stretch(NamedTuple):
 
 @compilable
 def most_frames(config: LoopConfig) -> int:
-    """Return the maximum number of frames per tick, in either direction."""
+    """Return the maximum number of frames that the gate, or the ECU, sends in one tick."""
     return CAPACITY + len(config.outputs.messages)
 
 

@@ -88,7 +88,7 @@ def make_buffers() -> Buffers:
 
 @compilable
 def read_frames(descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]) -> SocketReading:
-    """Read the frames waiting at a socket, at most as many as `frames` has room for; never blocks.
+    """Read the frames waiting at a socket into `frames`, at most as many as there is room for; never blocks.
 
     Datagrams that are no frames are skipped, but count: a socket whose other end is closed returns empty datagrams
     for ever. `stamps` receives each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative
@@ -136,7 +136,7 @@ def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> No
 
 @compilable
 def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, int]:
-    """Return a received frame's timestamp and the socket's drop counter, from the frame's ancillary data."""
+    """Return a received frame's timestamp (0: none) and drop counter (else `dropped`), from its ancillary data."""
     stamp = 0
     if size == _ROW:  # from this project's pump
         dropped = 0

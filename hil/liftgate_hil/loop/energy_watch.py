@@ -69,6 +69,7 @@ class EnergyWatch:
         return None
 
     def _in_stretch(self, rows: Floats, around: Floats) -> int | None:
+        """Return the index of the row at which an undriven stretch first gains too much energy; None: no row."""
         key = tuple(around.tolist())
         load = self._constants.load._replace(
             road_slope=math.radians(key[0]), ambient_temperature=key[1], snow_mass=key[2]

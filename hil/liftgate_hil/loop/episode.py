@@ -114,11 +114,11 @@ class Episode:
         self._run(self.config, self._adapter.node, self._now._replace(has_begun=1), script, self.memory.shared)
 
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run the episode until `ticks` ticks are done in all. Raises PlantDivergedError, EcuError."""
+        """Run until `ticks` ticks are done in all, or `stopped()`. Raises PlantDivergedError, EcuError."""
         self.advance(ticks - self.ticks, stopped)
 
     def advance(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run the episode for `ticks` more ticks. Raises PlantDivergedError, EcuError."""
+        """Run for `ticks` more ticks, or until `stopped()`. Raises PlantDivergedError, EcuError."""
         self._stretches(self._script._replace(ticks=self.state.tick + ticks), stopped)
 
     def follow(self, stimuli: StimulusPlan) -> None:
@@ -141,7 +141,7 @@ class Episode:
         self._stretches(self._script._replace(ticks=self.state.tick, is_last=1), lambda: False)
 
     def complete(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run until `ticks` ticks are done, then one with the motors off. Raises PlantDivergedError, EcuError."""
+        """Run until `ticks` ticks are done, then one with the motors off; less if `stopped()`. Raises as `run`."""
         last = self.state.tick + ticks - self.ticks
         self._stretches(self._script._replace(ticks=last, is_last=1), stopped)
 
@@ -165,12 +165,13 @@ class Episode:
         )
 
     def _stretches(self, script: Script, stopped: Callable[[], bool]) -> None:
+        """Run stretches up to the end of the script, or until `stopped()`; empty the rings after each."""
         shared = self.memory.shared
         last = script.ticks + script.is_last
         while self.state.tick < last and not stopped():
             self._now = self._run(self.config, self._adapter.node, self._now, script, shared)
             self._adapter.state = self._now.node
-            self._take()
+            self._empty_rings()
             if self._now.outcome == RESET:
                 self._adapter.reset()
                 self._now = self._now._replace(node=self._adapter.state, outcome=DONE)
@@ -179,7 +180,7 @@ class Episode:
             if self._now.outcome == BAD_ECU:
                 raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")
 
-    def _take(self) -> None:
+    def _empty_rings(self) -> None:
         """Pass the rows and frames in the rings to the sinks and the monitor, and empty the rings."""
         control = self.memory.shared.control[0]
         rows = self.memory.shared.rows[: control.rows]

@@ -38,10 +38,10 @@ class Listener:
         """Called with the vehicle and the bus of a run that is about to start, as text."""
 
     def ready(self) -> None:
-        """Called when all is compiled and open, before what precedes the scenario."""
+        """Called when all is compiled and open, before the precondition or the scenario begins."""
 
     def happened(self, time_s: float, text: str) -> None:
-        """Called with an event that the ECU reports, and its time [s]."""
+        """Called with an event that the ECU reports, and its model time [s]."""
 
     def status(self, status: RunStatus) -> None:
         """Called with the run's status, a few times a second."""

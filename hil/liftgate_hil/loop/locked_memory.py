@@ -20,10 +20,10 @@ _HOW = "ulimit -l unlimited (memlock in /etc/security/limits.conf), or CAP_IPC_L
 
 
 def lock_memory() -> str:
-    """Lock the memory that this process has touched or will touch, as far as its limits permit.
+    """Lock the memory that this process has touched or will touch, within its limits; return why not, or "".
 
     Below a limit of the process what it maps later is not locked: there its next allocation would fail at the
-    limit. Returns why it was refused, or an empty string.
+    limit.
     """
     if short := short_of_memory():
         return f"locked memory: {short}"
@@ -69,7 +69,7 @@ def has_capability(root: Path, bit: int) -> bool:
 
 
 def _left_in_groups(root: Path) -> Iterator[int]:
-    """Yield the free memory [bytes] of each limiting control group of this process, with unused file pages."""
+    """Yield the memory [bytes] left in each limiting control group, where unused file pages count as free."""
     groups = re.findall(r"^(\d+):(.*?):(.*)$", _read(root / "proc/self/cgroup"), re.MULTILINE)
     for number, controllers, path in groups:
         if number == "0":  # version 2
@@ -90,6 +90,7 @@ def _left_in_groups(root: Path) -> Iterator[int]:
 
 
 def _read(path: Path) -> str:
+    """Return a file's text; "": it cannot be read."""
     try:
         return path.read_text()
     except OSError:

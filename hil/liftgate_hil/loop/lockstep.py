@@ -21,7 +21,7 @@ _MOST = 1 << 16  # frames that may wait for a command
 
 
 class Lockstep(NamedTuple):
-    """Settings of a lockstep run."""
+    """Settings of a lockstep run; `say` is called with each message to the user, a text."""
 
     command: int  # identifier of the frame that ends a command
     ticks_per_command: int
@@ -30,7 +30,7 @@ class Lockstep(NamedTuple):
 
 
 def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Advance a loop by one command period for each command frame received. Raises OverrunError.
+    """Advance a loop by one command period per command frame, up to `ticks` (None: no end). Raises OverrunError.
 
     What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would
     lag permanently. An ECU that had already sent commands may wait for an answer: the first period is without a
@@ -69,7 +69,7 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
 
 
 def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
-    """Read all frames that the transport has received, so that the command does not queue up behind others."""
+    """Add all frames that the transport has received to `waiting`; wait up to `timeout` [s] for the first."""
     for _ in range(_READS):
         frames = transport.receive(timeout=timeout)
         if not frames.count:
@@ -89,7 +89,7 @@ class Waiting:
         self._count = 0
 
     def add(self, frames: Frames) -> None:
-        """Append frames in the order in which they were received."""
+        """Append frames in the order of reception; drop the oldest of too many without a command."""
         start = 0
         is_command = frames.identifiers[: frames.count] & ~FD_FLAGS == self._command
         for row in np.flatnonzero(is_command).tolist():
@@ -118,6 +118,7 @@ def joined(pieces: Sequence[Frames]) -> Frames:
 
 
 def _slice(frames: Frames, start: int, end: int) -> Frames:
+    """Return copies of the frames `start` to `end` - 1 of a batch."""
     return Frames(
         end - start,
         frames.identifiers[start:end].copy(),

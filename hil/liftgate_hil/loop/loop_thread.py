@@ -38,12 +38,15 @@ def cpus_of_earlier_loops() -> set[int]:
 
 
 class _Status(NamedTuple):
+    """Status of a loop's thread."""
+
     thread: int  # native id
     began: int  # ticks of the kernel's clock since it booted
     cpu: int  # on which it ran last
 
 
 def _loops() -> Iterator[_Status]:
+    """Yield the status of each loop's thread on this machine."""
     for process in Path("/proc").glob("[0-9]*"):
         threads = threads_of(process.name)
         if len(threads) > 1:  # a loop is never a process's first thread

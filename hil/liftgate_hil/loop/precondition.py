@@ -64,10 +64,10 @@ def after_precondition(
     stopped: Callable[[], bool] = lambda: False,
     guard: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> LoopStart:
-    """Run requests, each once the motion of the last one has ended; return the loop as it is after them.
+    """Run the driver's requests, each once the last one's motion has ended; return the LoopStart after them.
 
-    Its stimuli, which are those of `start`, begin there. The ECU runs within a `guard`. Raises PreconditionError,
-    EcuError, PlantDivergedError.
+    Its stimuli, which are those of `start`, begin there. The ECU runs within contexts that `guard` makes. Raises
+    PreconditionError, EcuError, PlantDivergedError.
     """
     if not actions:
         return start

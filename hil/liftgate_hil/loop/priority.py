@@ -113,6 +113,7 @@ class Realtime:
             self._latency = None
 
     def _wake_fast(self) -> None:
+        """Request a wake-up latency of 0 µs until `release`, which keeps the CPUs from deep sleep."""
         path = Path("/dev/cpu_dma_latency")
         try:
             self._latency = os.open(path, os.O_WRONLY)

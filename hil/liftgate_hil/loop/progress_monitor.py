@@ -90,7 +90,7 @@ class ProgressMonitor:
         self._is_failure_reported = False
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
-        """Report what is new since the last report; calls before the next report is due return at once."""
+        """Report to the listener what is new, at most every 0.1 s; with `is_last` at once, without a status."""
         now = self._clock()
         if now < self._next and not is_last:
             return
@@ -185,6 +185,7 @@ class ProgressMonitor:
         return f"{first} is on the bus, but not received by this rig{remedy}{self._apart}"
 
     def _status(self, moment: Moment) -> RunStatus:
+        """Return the run's status for the listener."""
         counts = self._reception.refusals["count"]
         seen_ns = int(self._reception.seen_ns[self._row])
         now_s = (moment.tick + self._before) * self._config.step

@@ -122,6 +122,7 @@ class Loop:
             frames = empty_frames(0)
 
     def _step(self, frames: Frames, is_stop: bool) -> None:
+        """Run one tick, the last one if `is_stop`, and send its frames. Raises PlantDivergedError."""
         row = np.empty((1, ROW_WIDTH))
         self.state, frames, replies, is_sound = self._call(self.state, self.stimuli, row, frames, is_stop)
         self.transport.send(replies)
@@ -145,6 +146,7 @@ class Loop:
     def _call(
         self, state: LoopState, stimuli: StimulusPlan, row: NDArray[np.float64], frames: Frames, is_stop: bool
     ) -> tuple[LoopState, Frames, Frames, bool]:
+        """Call the compiled `scheduled_tick`, with the number of frames dropped so far."""
         dropped = float(self._lost() - self._lost_before + self.frames_dropped)
         return self._tick(self.config, state, frames, stimuli, row, dropped, is_stop)
 
@@ -163,7 +165,7 @@ class Loop:
         return self.ticks * self.config.step
 
     def finish(self) -> None:
-        """Send the last frames, which say that the motors are off."""
+        """Run one more tick, with the motors off, in which every message is sent."""
         self._step(empty_frames(0), is_stop=True)
 
     def summary(self, clock: str) -> Summary:

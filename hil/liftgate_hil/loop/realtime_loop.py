@@ -125,7 +125,7 @@ def clock_ns(clock: int, room: Room) -> int:
 
 @compilable
 def wait_until(deadline_ns: int, room: Room) -> int:
-    """Sleep until a time on the monotonic clock; return the time after that."""
+    """Sleep until a time [ns] on the monotonic clock; return the time [ns] on it after that."""
     now = clock_ns(_MONOTONIC, room)
     while now < deadline_ns:
         room.clock[0] = deadline_ns // 1_000_000_000

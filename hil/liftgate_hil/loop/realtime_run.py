@@ -51,7 +51,7 @@ def memory_for(rate: float) -> Memory:
 
 
 def feedback_identifiers(rig: Rig) -> list[int]:
-    """Return the identifiers of the messages that show a command's effect: with a motor current, else all."""
+    """Return the identifiers of a rig's messages that show a command's effect: with a motor current, else all."""
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
@@ -148,7 +148,7 @@ class RealtimeRun:
                     self.say(each)
             realtime = self.realtime
             with nullcontext() if realtime is None else realtime.beside(self.line.threads):
-                self._look_after(thread, stopped)
+                self._supervise(thread, stopped)
         finally:
             control.stop = 1
             thread.join()
@@ -196,6 +196,7 @@ class RealtimeRun:
         return found + self._dropped_for_peers() - self._ecu_dropped_before
 
     def _dropped_for_peers(self) -> int:
+        """Return the number of frames dropped on the way to the peers, before and in this run."""
         return sum(each.dropped for each in self.peers)
 
     def _sent(self) -> int:
@@ -223,6 +224,7 @@ class RealtimeRun:
         )
 
     def _course(self, ticks: int) -> realtime_loop.RunParams:
+        """Return the parameters of the machine-code loop for a run up to `ticks` ticks."""
         return realtime_loop.RunParams(
             self.line.descriptor,
             ticks,
@@ -234,6 +236,7 @@ class RealtimeRun:
         )
 
     def _in_thread(self, ticks: int) -> None:
+        """Run the loop in the calling thread; keep its outcome, or the exception that `run` is to raise."""
         try:
             name_thread(LOOP)
             prepare_thread(self.realtime)
@@ -245,7 +248,8 @@ class RealtimeRun:
         finally:
             self._entered.set()
 
-    def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
+    def _supervise(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
+        """Until the loop's thread ends, watch the line and serve sinks, monitor, observers and peers."""
         shared = self.memory.shared
         control = shared.control[0]
         # Rows up to a tick whose frames are in the ring: rows are read first, then all frames up to that time.
@@ -266,12 +270,12 @@ class RealtimeRun:
                 if news:
                     seconds = int(control.tick) * self.config.step
                     self.alarm(f"{seconds:.3f} s: {self.line.name} {news}")
-                self._hand_on(rows, frames)
+                self._feed_sinks(rows, frames)
                 self._spoilt = self.spoilt()
                 if self._spoilt:
                     control.stop = 1
                     break
-                self._look_out()
+                self._report_progress()
             self._observe(heard)
             if now >= next_figures:
                 next_figures = now + _FIGURES
@@ -282,11 +286,12 @@ class RealtimeRun:
             thread.join(pause)
         thread.join()
         self._observe(heard)
-        self._hand_on(rows, frames)
+        self._feed_sinks(rows, frames)
         if not self._spoilt:  # else what the ECU has reported since is no story to tell
-            self._look_out(is_last=True)
+            self._report_progress(is_last=True)
 
     def _observe(self, heard: ArrivalReader) -> None:
+        """Call the observers with the frames received since the last call; report how many were overwritten."""
         if not self.observers:
             return
         lost, come = heard.lost, heard.take()
@@ -295,7 +300,8 @@ class RealtimeRun:
         for observer in self.observers:
             observer.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)
 
-    def _look_out(self, is_last: bool = False) -> None:
+    def _report_progress(self, is_last: bool = False) -> None:
+        """Call the progress monitor, if there is one, with the state of the loop now."""
         if self.monitor is None:
             return
         shared = self.memory.shared
@@ -304,7 +310,8 @@ class RealtimeRun:
         moment = Moment(int(control.tick), row, self._sent(), int(control.overruns), self._link())
         self.monitor.look(moment, is_last)
 
-    def _hand_on(self, rows: RingReader, frames: RingReader) -> None:
+    def _feed_sinks(self, rows: RingReader, frames: RingReader) -> None:
+        """Call the sinks with the rows and frames written since the last call."""
         if self.sinks:
             taken, seen = rows.take(), frames.take()
             self._unseen = rows.lost + frames.lost

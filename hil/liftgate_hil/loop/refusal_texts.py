@@ -29,12 +29,12 @@ REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
 
 
 def identifier_text(identifier: int) -> str:
-    """Return an identifier, with SocketCAN's flag if extended, as a message shows it."""
+    """Return an identifier, which has SocketCAN's flag if it is extended, as text for messages: 0x123."""
     return f"0x{identifier & 0x1FFFFFFF:X}{' (extended, 29 bits)' if identifier & EXTENDED else ''}"
 
 
 def missing_of(reception: Reception, row: int) -> tuple[int, int]:
-    """Return the numbers of a message's frames that are missing by its counter, and of its cycles so far."""
+    """Return how many frames of a message are missing by its counter, and its cycles so far, those included."""
     return int(reception.lost[row]), int(reception.cycles[row])
 
 
@@ -95,7 +95,7 @@ class RefusalTexts:
         return f"{f'{names[0]} ({text})' if names else text} {when}"
 
     def _time_of(self, refusal: Any) -> float:
-        """Return the time [s] of a rejected frame, from the scenario's time 0 on."""
+        """Return a rejected frame's time [s] since the scenario's time 0; negative: in the precondition."""
         return float(refusal.time_ns * 1e-9 - self._began_s)
 
     def of_first(self, refusals: Any, cause: int) -> str:
@@ -128,6 +128,7 @@ class RefusalTexts:
         return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
 
     def _out_of_range(self, row: int, found: float) -> str:
+        """Return a text on the value `found` of the input signal in a row, and the range it is outside of."""
         table = self._config.inputs.signals[row]
         quantity = list(BUS_INPUTS)[int(table.quantity)]
         mapping = next(wire for wire in self._rig.inputs if wire.quantity == quantity)
@@ -143,6 +144,7 @@ class RefusalTexts:
         return f"{head}; allowed for {quantity}: {', '.join(ours.values) or allowed}"
 
     def _message_name(self, row: int) -> str:
+        """Return the name of the input message in a row; if the rig has none, its identifier as text."""
         identifier = int(self._config.inputs.messages[row].identifier) & 0x1FFFFFFF
         for name, message in self._rig.messages.items():
             if message.frame_id == identifier:

@@ -95,7 +95,7 @@ def put(schedule: Schedule, due: NDArray[np.int64], frames: NDArray[np.void]) ->
 
 @compilable
 def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
-    """Return the number of next frames, contiguous in the ring and at most `most`, that are due by a time."""
+    """Return how many of the next frames are due by a time [ns]: contiguous in the ring, at most `most`."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     most = min(most, len(schedule.due) - first)
@@ -107,7 +107,7 @@ def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
 
 @compilable
 def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int) -> None:
-    """Send the next `count` frames, and record how late each was accepted."""
+    """Send the next `count` frames; if the wire accepted them all, record how late each was."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     end = first + count

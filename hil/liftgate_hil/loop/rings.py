@@ -211,7 +211,7 @@ class RingSink:
 class RingReader:
     """Reader of a ring's rows in order, each once; counts rows that were overwritten before they were read.
 
-    `batch` is how many rows the writer writes, at most, before its count includes them.
+    `head` is the writer's count in `control`; `batch` is how many rows it writes, at most, before that has them.
     """
 
     def __init__(self, rows: Any, control: Any, head: str, batch: int = 1) -> None:
@@ -224,7 +224,7 @@ class RingReader:
         self.lost = 0
 
     def take(self, most: int | None = None) -> Any:
-        """Return copies of the rows written since the last call; with `most` up to that row only."""
+        """Return copies of the rows written since the last call; with `most` only those with lower numbers."""
         capacity = len(self._rows)
         head = int(self._control[self._head][0])
         for limit in (self.end, most):

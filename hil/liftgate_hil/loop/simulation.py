@@ -153,6 +153,7 @@ def blocks_of(offline: Offline, state: State, samples: Samples, steps: int, ever
 
 
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int, every: int) -> Iterator[Block]:
+    """Yield the blocks that `blocks_of` yields, each computed when it is requested. Raises PlantDivergedError."""
     run = compiled(block)
     memory = sensors.initial_sensors(offline.constants.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True

@@ -36,7 +36,7 @@ ROD_RATE = 10_000.0  # N/m, stiffness of the rod by which anti-trap functions ar
 
 
 def force_of(delay_us: float) -> float:
-    """Return the pinch force [N] on the rod that grows during a delay [µs]."""
+    """Return the pinch force [N] that grows during a delay [µs] on a rod of 10 N/mm, at the speed EDGE_SPEED."""
     return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
 
 
@@ -167,7 +167,7 @@ class Summary(DescribedResult):
 
     # fmt: on
     def refusals_text(self) -> str:
-        """Return why the gate rejected frames; "": it rejected none."""
+        """Return how many frames the gate rejected for which causes, as text; "": it rejected none."""
         causes = ("wrong_length", "out_of_range", "checksum", "counter", "remote")
         counts = {cause.replace("_", " "): getattr(self.received, cause) for cause in causes}
         return ", ".join(f"{number} {cause}" for cause, number in counts.items() if number)

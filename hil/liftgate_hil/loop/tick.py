@@ -119,7 +119,7 @@ def constants_in(config: LoopConfig) -> Constants:
 
 @compilable
 def in_force(config: LoopConfig, row: NDArray[np.float64]) -> LoopConfig:
-    """Return the loop's configuration with the constants in a row (n,) of `constants`."""
+    """Return the loop's configuration with the constants that faults may change taken from a flat row (n,)."""
     now = unflattened(row, constants_in(config))
     return LoopConfig(
         plant=now.plant,
@@ -228,7 +228,7 @@ def command(config: LoopConfig, values: NDArray[np.float64], stop: bool) -> tupl
 
 @compilable
 def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
-    """Return the emulator's own state, as it is reported on the bus."""
+    """Return the state of the emulator for the bus: WAITING, RUNNING, TIMEOUT or STOPPED."""
     if stop:
         return STOPPED
     if not np.isnan(reception.values[IN.left_duty]):
@@ -252,7 +252,7 @@ def status_of(
 
 @compilable
 def edge_times(halls: Any, now: float) -> EdgeTimes:
-    """Return the last Hall edges of both drives (2,) HALL, as seen at a time [s]."""
+    """Return the edge number and the ages [s] of the last four edges at `now` per drive, from (2,) HALL."""
     left, right = halls[LEFT], halls[RIGHT]
     return EdgeTimes(
         left_edge_number=float(left.edges % EDGE_NUMBERS),
@@ -284,7 +284,7 @@ def line_up(
 def tick(
     config: LoopConfig, state: LoopState, frames: Frames, outside: Outside
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
-    """Advance by one plant step with the frames received and the influences from outside.
+    """Advance by one plant step; return the state, the frames that the gate sends, and true and sensed values.
 
     The returned frames are valid until the next tick.
     """

@@ -37,7 +37,7 @@ class LinkCounts(NamedTuple):
     # fmt: on
 
     def in_words(self) -> dict[str, str]:
-        """Return as text each count that is not zero, with its noun: 1 loss, 2 bus offs."""
+        """Return each count that is not zero by its field's name, as text with its noun: 1 loss, 2 bus offs."""
         nouns = {name: name.replace("_", " ") for name in self._fields}
         singular = {name: noun.removesuffix("s") for name, noun in nouns.items()} | {"losses": "loss"}
         return {
@@ -116,7 +116,7 @@ DRAIN_S = 1.0  # s, limit of draining if frames do not stop
 
 
 def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
-    """Drop all frames that have arrived so far; return their number, and that with the identifier `command`."""
+    """Drop the frames that have arrived, for 1 s at most; return how many, and how many of these are `command`."""
     count, commands, until, empty = 0, 0, time.monotonic() + DRAIN_S, 0
     while empty < _EMPTY and time.monotonic() < until:
         frames = transport.receive()

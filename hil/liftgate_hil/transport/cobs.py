@@ -94,6 +94,7 @@ class CobsDecoder:
         self._pending, self._skipping = b"", False
 
     def _gather(self, piece: bytes) -> None:
+        """Append bytes to the incomplete frame; if that gets too long, count it and skip the rest of it."""
         if self._skipping:
             return
         self._pending += piece[: _MAX_STUFFED + 1]
@@ -102,6 +103,7 @@ class CobsDecoder:
             self._pending, self._skipping = b"", True
 
     def _end(self, piece: bytes) -> tuple[int, bytes] | None:
+        """Complete a frame by its last bytes; return identifier and payload, or None for a bad or empty frame."""
         self._gather(piece)
         stuffed, skipped = self._pending, self._skipping
         self.reset()

@@ -58,6 +58,7 @@ def parse_bus(text: str, default_bitrate: float) -> Mapping[str, object]:
 
 
 def _no_bitrate(interface: str) -> str:
+    """Return in words why an interface of _NO_BITRATE takes no bit rate."""
     where = "it is set with `ip link`" if interface == "socketcan" else "frames take no time"
     return f"a bit rate on {interface}, where {where}"
 
@@ -105,6 +106,7 @@ def _with_configuration(given: Mapping[str, object]) -> Mapping[str, object]:
 
 
 def _is_object(text: str) -> bool:
+    """Whether a text is a JSON object."""
     try:
         return isinstance(json.loads(text), dict)
     except (ValueError, RecursionError):
@@ -154,6 +156,7 @@ class Way(NamedTuple):
         return "the queue is full, as no other node acknowledges them or the bus is overloaded"
 
     def _about_multicast(self, what: str) -> str:
+        """Return the text of `multicast.reach` or `multicast.apart` on the bus; "" for other connections."""
         if self.can is None or not self.is_interface("udp_multicast"):
             return ""
         from liftgate_hil.transport import multicast
@@ -188,7 +191,7 @@ def open_transport(way: Way) -> Transport:
 
 
 def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda transport: transport) -> Line:
-    """Open the connection for the real-time loop; `seen_by` may wrap a transport in Python.
+    """Open the connection for the real-time loop; any but SocketCAN is a Transport, passed through `seen_by`.
 
     Raises ConfigError, TransportError.
     """

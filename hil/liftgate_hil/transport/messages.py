@@ -95,7 +95,7 @@ def logged_message(row: Any) -> can.Message:
 
 
 def _message(identifier: int, length: int, payload: NDArray[np.uint8], time_s: float) -> can.Message:
-    """Return a python-can message with an identifier with flags and a padded payload."""
+    """Return a python-can message from identifier with flags, payload in a longer array, and time [s]."""
     identifier, length = int(identifier), int(length)
     flags = 0 if identifier & REMOTE else frame_flags(identifier)
     return message_of_fields(identifier, length, flags, payload[:length].tobytes(), time_s)
@@ -122,6 +122,7 @@ def message_of_fields(
 
 
 def _whole(value: Any) -> int:
+    """Return a value as int. Raises TypeError for a bool, and for what is no whole number."""
     if isinstance(value, bool):
         raise TypeError(value)
     return operator.index(value)

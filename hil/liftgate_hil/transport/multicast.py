@@ -113,7 +113,7 @@ class Receiver:
         _hear_one_group(wire)
 
     def recv(self, timeout: float) -> can.Message | None:
-        """Return the next message; None if nothing arrived. Raises RefusedError, NotAFrameError, system errors."""
+        """Return the next message; None: none in `timeout` [s]. Raises RefusedError, NotAFrameError, CanError."""
         result = self._bus._multicast.recv(timeout)
         if result is None:
             return None

@@ -137,13 +137,14 @@ class Pump:
         return datagram
 
     def _guarded(self, way: Callable[[], None]) -> None:
-        """Carry frames in one direction; an exception that ends it is reported by `watch`."""
+        """Call `way`, which carries frames in one direction until its end; keep its exception for `watch`."""
         try:
             way()
         except BaseException as error:
             self._failure = error
 
     def _inwards(self) -> None:
+        """Carry received frames from the transport to the loop; drop and count them before and during `drain`."""
         stint = _Stint()
         while not self._stopping:
             stint.give_way()
@@ -171,6 +172,7 @@ class Pump:
                     return
 
     def _outwards(self) -> None:
+        """Carry frames from the loop to the transport until `close`."""
         while datagram := self._next():
             identifier, length, flags = _HEAD.unpack_from(datagram)
             frames: Frames = empty_frames(1)
@@ -188,6 +190,7 @@ class _Stint:
         self._begin()
 
     def _begin(self) -> None:
+        """Measure from now on."""
         self._begun_ns, self._computed_ns = time.monotonic_ns(), time.thread_time_ns()
 
     def give_way(self) -> None:

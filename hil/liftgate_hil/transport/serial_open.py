@@ -61,7 +61,7 @@ def parse_serial(text: str) -> tuple[str, int]:
 
 
 def check_device(name: str) -> None:
-    """Raise ConfigError if a serial port's path is no device, and OSError if it does not exist."""
+    """Raise ConfigError if a serial port's path is no device, OSError if it does not exist; ignore URLs."""
     if "://" in name or os.name != "posix":
         return
     try:
@@ -155,6 +155,7 @@ class Reopener:
         self._thread.join(_LEAVE_S)
 
     def _run(self) -> None:
+        """Close the lost port, then try to open it until that succeeds or `stop` is called."""
         close_port(self._lost)
         self._lost = None
         while not self._stopped.wait(_REOPEN_S):

@@ -57,6 +57,7 @@ def state_of(flags: int) -> str:
 
 
 def _ask(probe: socket.socket, request: int, name: str) -> int:
+    """Return an interface's flags or its MTU, as requested. Raises OSError."""
     answer = fcntl.ioctl(probe, request, struct.pack("16si20x", name.encode()[:15], 0))
     return int(struct.unpack_from("i" if request == _SIOCGIFMTU else "H", answer, 16)[0])
 
@@ -110,6 +111,7 @@ class LinkEvents:
         self._socket.close()
 
     def _states_in(self, data: bytes) -> list[str]:
+        """Return the states that this interface has by a datagram of link messages, in order."""
         states = []
         at = 0
         while at + _HEADER.size <= len(data):
@@ -120,6 +122,7 @@ class LinkEvents:
         return states
 
     def _is_ours(self, attributes: bytes) -> bool:
+        """Whether a link message's attributes have the name of this interface."""
         at = 0
         while at + 4 <= len(attributes):
             length, kind = struct.unpack_from("HH", attributes, at)
@@ -178,7 +181,7 @@ class SocketCan:
                 continue
 
     def watch(self, control: Any) -> str | None:
-        """Return a change of the interface's state or a short loss, else None; renew the socket if needed."""
+        """Return in words a change of the interface or a short loss, else None; renew the socket if needed."""
         before, losses = self._state, self._losses
         for state in self._events.take():
             self._enter(state)
