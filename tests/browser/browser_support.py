@@ -13,7 +13,7 @@ GOING = ("running", "late")  # a busy machine is late now and then
 
 
 def until(browser: Any, is_so: Any) -> Any:
-    """Wait until a condition on the page holds and return its value; the page may reload meanwhile."""
+    """Wait until `is_so(browser)` is true and return its value; the page may reload meanwhile."""
     from selenium.common import exceptions
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -63,12 +63,12 @@ def opened(browser: Any, address: str, phases: tuple[str, ...] = GOING) -> Any:
 
 
 def value_of(browser: Any, name: str) -> float:
-    """True value of this name in the page's last state."""
+    """True value of this column in the page's last state."""
     return float(browser.execute_script("return last.truth[arguments[0]]", name))
 
 
 def press(browser: Any, action: str) -> None:
-    """Click a driver's button."""
+    """Click a driver's button and wait until the page confirms the request."""
     click(browser, f"#request-{action}")
     until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
 

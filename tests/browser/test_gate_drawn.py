@@ -81,7 +81,7 @@ def test_a_held_hand_force_ends_with_its_pointer_or_a_click_on_clear(page: Any, 
     assert errors_in(page) == []
 
 
-def test_a_hand_force_by_mouse_moves_the_gate(page: Any) -> None:
+def test_a_hand_force_by_keyboard_moves_the_gate(page: Any) -> None:
     """The gate opens before, in real time."""
     from selenium.webdriver import Keys
 

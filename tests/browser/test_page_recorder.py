@@ -17,7 +17,7 @@ HOLDS = r"recorded: \S*{name}, ([\d.]+) to ([\d.]+) s$"
 
 
 def told(page: Any, pattern: str, name: str) -> list[float]:
-    """Numbers in a line of the page's log."""
+    """Numbers in the line of the page's log that matches a pattern for this file name, once it is there."""
 
     def line(_: object) -> Any:
         lines = text_of(page, "#log").splitlines()

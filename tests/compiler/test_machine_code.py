@@ -48,7 +48,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile in a process of its own each time, as is the default."""
+    """Compile each function in a process of its own, as is the default."""
     monkeypatch.setattr(child._Kept, "users", 0)
     monkeypatch.setattr(child._Kept, "compiler", None)
 
@@ -70,6 +70,7 @@ class NotingWatcher(Watcher):
 
 @pytest.fixture
 def told() -> Iterator[NotingWatcher]:
+    """A watcher that is told of all compilations."""
     watcher = NotingWatcher()
     compiler.watch(watcher)
     yield watcher
@@ -286,7 +287,7 @@ def double(x: float) -> float:
 
 
 def made(told: NotingWatcher) -> float:
-    """Compile or load the entry point after a new look at the disk."""
+    """Compile `double`, or load it from the cache, and return its result for 4.0; empty `told` before."""
     told.said.clear()
     answer = obtaining.machine_code_of(double, (NumberKind("f"),)).call((4.0,))
     assert answer == (True, 8.0)

@@ -102,7 +102,7 @@ def test_a_file_that_cannot_be_replaced_is_written_in_place(
 def test_a_file_that_cannot_be_replaced_stays_if_the_disk_is_full(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
-    """Neither beside its place nor, as the folder takes no file, in a temporary one."""
+    """The new content goes beside the file or, if the folder takes no file, to a temporary one."""
     monkeypatch.setattr(Path, "replace", refusing(errno.EBUSY))
     if place == "spooled":
         monkeypatch.setattr(files, "_created", refusing(errno.EACCES))
@@ -163,7 +163,7 @@ def test_a_file_keeps_its_owner(path: Path) -> None:
 
 
 class Faults:
-    """Counts file operations, one of which fails."""
+    """Counts file operations, the `at`-th of which fails with this error number."""
 
     def __init__(self, at: int, number: int) -> None:
         self._at, self._number, self._count = at, number, 0
@@ -195,6 +195,8 @@ class Faults:
 
 @pytest.fixture
 def faulty(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, int], Faults]]:
+    """Function that lets the n-th file operation fail with an error number and returns the counter."""
+
     def begin(at: int, number: int) -> Faults:
         monkeypatch.undo()
         faults = Faults(at, number)
@@ -314,7 +316,7 @@ def test_requested_permissions_apply_to_a_replaced_file(path: Path) -> None:
 
 
 def leave(folder: Path, name: str) -> Path:
-    """Kill a process while it writes a file, and return the files that it leaves."""
+    """Kill a process while it writes a file, and return the temporary file that it leaves."""
     code = f"""
 import os, signal
 from pathlib import Path

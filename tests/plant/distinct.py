@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 
 
 def distinct(kind: type[Any], numbers: Iterator[float] | None = None) -> Any:
-    """A NamedTuple whose numbers, nested ones too, are all different: 1.5, 2.5, …"""
+    """A value of this type whose numbers, nested ones too, all differ: the next of `numbers`, or 1.5, 2.5, …"""
     numbers = count(1.5) if numbers is None else numbers
     hints = get_type_hints(kind)
     return kind(

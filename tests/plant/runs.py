@@ -60,7 +60,7 @@ LAW = FrictionProfile(0.0, 1.0, np.ones((2, 1)))  # friction is that of the law 
 
 
 def fill(plant: Plant, profile: FrictionProfile, state: State, inputs: Inputs, h: float, rows: np.ndarray) -> None:
-    """The states (as `COLUMNS`) before and after each of the steps of h seconds, a row each."""
+    """Write the states before and after each step of h seconds to the rows (n + 1, as `COLUMNS`)."""
     for k in range(len(rows)):
         if k > 0:
             frictions = frictions_in(profile, plant, state, h)
@@ -80,7 +80,7 @@ def fill(plant: Plant, profile: FrictionProfile, state: State, inputs: Inputs, h
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
-    """Return the states before and after each of n steps of h seconds."""
+    """Return the states before and after each of n steps of h seconds as rows (n + 1, as `COLUMNS`)."""
     rows = np.empty((n + 1, len(COLUMNS)))
     fill(plant, LAW, state, inputs, h, rows)
     return rows
@@ -89,7 +89,7 @@ def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndar
 def fast_run(
     plant: Plant, state: State, inputs: Inputs, h: float, n: int, profile: FrictionProfile = LAW
 ) -> np.ndarray:
-    """`run` in machine code, compiled at the first call."""
+    """`run` in machine code, compiled at the first call, with friction of this profile."""
     rows = np.empty((n + 1, len(COLUMNS)))
     compiled(fill)(plant, profile, state, inputs, h, rows)
     return rows
@@ -108,7 +108,7 @@ def column(rows: np.ndarray, name: str) -> np.ndarray:
 
 
 def load(vehicle: Vehicle, **changes: Any) -> Load:
-    """The vehicle's surroundings with the latch released, so that the gate is free."""
+    """The vehicle's surroundings with the latch released, so that the gate is free, and these fields changed."""
     return load_of(vehicle)._replace(**{"latch_released": 1.0, **last_bits.off(changes, "load")})
 
 
@@ -119,7 +119,7 @@ def inputs(vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, 
 
 
 def at_rest(vehicle: Vehicle, angle_deg: float, latched: bool = False) -> State:
-    """The gate at rest at an angle [rad], drives in the middle of their play."""
+    """The gate at rest at an angle [deg], with its drives in the middle of their play."""
     angle = last_bits.off(math.radians(angle_deg), "angle")
     return initial_state(plant_of(vehicle), angle, latched)
 
@@ -134,7 +134,7 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
 
 
 def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> Inputs:
-    """Inputs of the plant for the first step of a phase of the event solution."""
+    """Inputs of the plant for the first of `steps` steps of a phase of the event solution."""
     changes: dict[str, Any] = {
         "external_torque": phase.external_torque,
         "wind_pressure": phase.wind_pressure,

@@ -42,7 +42,7 @@ ROUND_OFF = 1e-9  # relative; a few hundred operations in double precision
 
 
 def coupled_windings(windings, source_resistance, source, currents, speeds, ends, step):
-    """Currents at the end and their mean by the matrix exponential of an augmented linear system."""
+    """Currents [A] of both windings at the end of a step and their means over it, by a matrix exponential."""
     left, right = windings
     inverse = np.diag([1.0 / left.inductance, 1.0 / right.inductance])
     duty = np.array([left.duty, right.duty])
@@ -376,7 +376,7 @@ STILL = hall.MotorShaft(0.0, 0.0)
 
 
 def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0):
-    """The reading of a current that does not change in a motor that stands at 0 rev."""
+    """Filtered current and reading [A] of the sensor for a constant current in a motor that rests at 0 rev."""
     when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.MeanWindow(filtered, 0.0)
     path = current.held(amperes)
     motor = suv().left.motor
@@ -409,14 +409,14 @@ def test_noise_is_repeatable_normal_and_independent_between_channels() -> None:
     assert noise.disturbance(0.0, 7, 1, 1) == 0.0
 
 
-def test_friction_referred_to_the_motor_is_the_hand_check() -> None:
+def test_friction_referred_to_the_motor_agrees_with_the_hand_calculation() -> None:
     tables = suv().left
     assert transmission.coulomb_torque(tables.motor, tables.gear, tables.spindle) == pytest.approx(
         0.013628, abs=5e-7
     )
 
 
-def test_the_linkage_is_the_hand_check_wherever_the_hinge_is() -> None:
+def test_the_linkage_agrees_with_the_hand_calculation_wherever_the_hinge_is() -> None:
     vehicle = suv()
     link = gate.linkage(vehicle.gate)
     assert link.closed_length == pytest.approx(0.457411, abs=5e-7)

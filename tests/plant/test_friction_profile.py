@@ -25,7 +25,7 @@ def profile_of(vehicle: Vehicle, seed: int = 0) -> FrictionProfile:
     return friction_profile(vehicle, plant_of(vehicle), seed)
 
 
-def over(profile: FrictionProfile, drive: int, places: np.ndarray) -> np.ndarray:
+def factors_at(profile: FrictionProfile, drive: int, places: np.ndarray) -> np.ndarray:
     look_up = compiled(factor_at)
     return np.array([look_up(profile, drive, float(each)) for each in places])
 
@@ -33,16 +33,16 @@ def over(profile: FrictionProfile, drive: int, places: np.ndarray) -> np.ndarray
 def test_without_profile_options_friction_is_nominal():
     profile = profile_of(ideal(), seed=5)
     assert profile.factor.tolist() == [[1.0], [1.0]]
-    assert (over(profile, 1, np.array([-1.0, 0.1, 1.0, math.nan])) == 1.0).all()
+    assert (factors_at(profile, 1, np.array([-1.0, 0.1, 1.0, math.nan])) == 1.0).all()
 
 
-def test_a_friction_table_is_given_over_the_travel_and_constant_beyond_its_ends():
+def test_a_friction_table_covers_the_travel_and_is_constant_beyond_its_ends():
     profile = profile_of(ideal("friction.position_table=[[0, 1.2], [0.5, 0.8], [1, 2]]"))
     shares = np.array([-0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 3.0])
     expected = [1.2, 1.2, 1.0, 0.8, 1.4, 2.0, 2.0]
     for drive in (0, 1):
-        assert over(profile, drive, shares * STROKE) == pytest.approx(expected, abs=2e-3)
-    assert 1.19 < over(profile, 0, np.array([math.nan]))[0] < 1.21
+        assert factors_at(profile, drive, shares * STROKE) == pytest.approx(expected, abs=2e-3)
+    assert 1.19 < factors_at(profile, 0, np.array([math.nan]))[0] < 1.21
 
 
 def test_the_random_part_of_friction_has_its_specified_deviation_and_correlation():
@@ -53,10 +53,10 @@ def test_the_random_part_of_friction_has_its_specified_deviation_and_correlation
     for number in range(250):
         keys = {"deviation": deviation, "length": length, "profile": number}
         own = profile_of(ideal(*(f"friction.position_{key}={value}" for key, value in keys.items())))
-        values = (over(own, 0, places) - 1.0) / deviation
+        values = (factors_at(own, 0, places) - 1.0) / deviation
         first.append(values)
         second.append(np.interp(np.arange(200) + apart, np.arange(300), values))
-        third.append((over(own, 1, places) - 1.0) / deviation)
+        third.append((factors_at(own, 1, places) - 1.0) / deviation)
     left, right = np.array(first), np.array(third)
     assert left.std() == pytest.approx(1.0, abs=0.04)
     assert abs(left.mean()) < 0.05
@@ -68,15 +68,15 @@ def test_a_profile_number_gives_the_same_profile_on_any_gate():
     keys = ["friction.position_deviation=0.2", "friction.position_profile=3"]
     suv, compact = (profile_of(load_vehicle(name, keys, ideal=True)) for name in ("suv", "compact"))
     places = np.linspace(0.0, 0.15, 400)
-    assert over(suv, 0, places) == pytest.approx(over(compact, 0, places), abs=1e-3)
+    assert factors_at(suv, 0, places) == pytest.approx(factors_at(compact, 0, places), abs=1e-3)
     other = profile_of(ideal(keys[0], "friction.position_profile=4"))
-    assert np.abs(over(suv, 0, places) - over(other, 0, places)).max() > 0.1
+    assert np.abs(factors_at(suv, 0, places) - factors_at(other, 0, places)).max() > 0.1
 
 
 def test_an_eccentric_spindle_loads_the_drive_once_per_turn():
     vehicle = ideal("friction.eccentricity=0.3")
     places = np.linspace(0.0, STROKE, 5000)
-    values = over(profile_of(vehicle), 0, places) - 1.0
+    values = factors_at(profile_of(vehicle), 0, places) - 1.0
     lead = vehicle.left.spindle.lead
     wave = np.exp(-2j * math.pi * places / lead)
     turns = int(STROKE / lead) * lead
@@ -105,13 +105,12 @@ def test_friction_profiles_of_runs_differ_by_their_seed():
     assert profile_of(vehicle, 3).factor.tolist() == profile_of(vehicle, 3).factor.tolist()
 
 
-def test_friction_never_drives():
+def test_no_friction_factor_falls_below_the_least_one():
     vehicle = ideal("friction.eccentricity=0.9", "friction.position_deviation=0.5")
     assert profile_of(vehicle).factor.min() >= LEAST
 
 
 def test_a_friction_factor_of_two_equals_doubled_friction_torques():
-    """Twice all friction torques, against a factor of two."""
     suv = ideal("friction.viscous=1e-5")
     doubled = plant_of(suv)
     laws = [d.friction._replace(coulomb=2 * d.friction.coulomb, viscous=2e-5) for d in doubled[:2]]

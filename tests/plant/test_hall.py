@@ -55,7 +55,7 @@ def encoder(counts: float = 4.0, **errors: float) -> Encoder:
 
 
 def walked(wheel: Encoder, positions: list[float], period: int = 5, call=read_hall) -> list[Any]:
-    """Levels of the left Hall sensors at each position, one tick of 1 ms each."""
+    """States of the left Hall sensors at each position [rev], one tick of 1 ms each."""
     still = MotorShaft(positions[0], 0.0)
     halls, ring = initial_halls(wheel, still, still), edge_ring(16)
     states = [halls[0].copy()]
@@ -91,7 +91,7 @@ def edges_of(
 
 
 def captured(**fields: float) -> Any:
-    """Values held by a capture timer."""
+    """State of a Hall decoder whose capture timer holds these values."""
     hall = np.zeros(1, dtype=HALL).view(np.recarray)[0]
     for name, value in fields.items():
         setattr(hall, name, value)

@@ -24,7 +24,7 @@ def state_at(angle: float, rate: float) -> State:
 
 
 def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch]:
-    """Reports on the last contact during a motion, given as functions of time, at these times."""
+    """Contact reports at these times [s] of a motion; `angle` [rad] and `rate` [rad/s] are functions of time."""
     step = times[1] - times[0]
     found = [NOT_PINCHED]
     for time in times:
@@ -35,7 +35,7 @@ def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch
 
 
 def swing(lowest_deg: float, start: float, period: float = 0.6):
-    """Motion that comes down from 32 degrees, turns at `lowest_deg` and goes back up within a period."""
+    """Angle and rate, by time, of a gate that goes down from 32°, turns at `lowest_deg` and goes back up."""
     depth = math.radians(32.0 - lowest_deg)
 
     def angle(time: float) -> float:
@@ -114,7 +114,7 @@ def test_the_time_over_a_limit_counts_fractions_of_a_step(before: float, after: 
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_the_touch_peak_of_a_damped_body_does_not_depend_on_the_tick_rate(step: float) -> None:
+def test_the_peak_force_at_touching_a_damped_body_does_not_depend_on_the_tick_rate(step: float) -> None:
     soft = ROD._replace(stiffness=1000.0, damping=5000.0)
     down, slower = -0.2, 40.0  # rad/s, 1/s: it slows down quickly
 

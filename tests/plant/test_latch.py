@@ -42,7 +42,7 @@ def built(*settings: str) -> Vehicle:
 
 
 def go(vehicle: Vehicle, state: Any, command: Any, seconds: float, step: float = 1e-3, **load: Any):
-    """States of a run from there on; the latch is not released unless stated."""
+    """States (as `COLUMNS`) of a run with constant inputs; the latch is not released unless stated."""
     given = inputs(vehicle, command, **{"latch_released": 0.0, **load})
     return fast_run(plant_of(vehicle), state, given, step, round(seconds / step))
 
@@ -53,7 +53,7 @@ def place(vehicle: Vehicle, rows: np.ndarray) -> np.ndarray:
 
 
 def torque_without_hook(vehicle: Vehicle, angle: float, **load: Any) -> float:
-    """Torque without the hook on a resting gate whose drives do not push."""
+    """Torque [N m] without the hook on a resting gate whose drives do not push."""
     plant, around = plant_of(vehicle), load_of(vehicle)._replace(**load)
     return dynamics.gate_torque(plant, initial_state(plant, angle), around)
 
@@ -130,7 +130,7 @@ def test_the_drives_close_the_gate_fully_into_the_detailed_latch():
     assert column(rows, "latched")[-1] == 1.0
 
 
-def of_bodies(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle, Obstacle]:
+def latch_as_obstacles(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle, Obstacle]:
     """The same gate without a latch, and its hook and claw spring as obstacles."""
     own, free = vehicle.latch, vehicle._replace(latch=vehicle.latch._replace(half=0.0))
     at = (own.half if claw == HALF else own.full) / own.distance
@@ -145,7 +145,7 @@ def of_bodies(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle, Obstacl
 def test_the_hook_acts_on_an_opening_gate_like_an_obstacle(claw: float, step: float):
     """Obstacles themselves are compared with the event-located solution."""
     vehicle = built("latch.claw_force=0", "latch.damping=800")
-    free, hook, _ = of_bodies(vehicle, claw)
+    free, hook, _ = latch_as_obstacles(vehicle, claw)
     start = initial_state(plant_of(vehicle), 0.0003)._replace(
         gate_rate=0.05, latch=LatchState(claw, 0.0, 0.0, 0.0)
     )
@@ -157,7 +157,7 @@ def test_the_hook_acts_on_an_opening_gate_like_an_obstacle(claw: float, step: fl
 
 def test_the_claws_spring_acts_on_a_closing_gate_like_an_obstacle():
     vehicle = built("latch.claw_force=400")
-    free, _, spring = of_bodies(vehicle, OPEN)
+    free, _, spring = latch_as_obstacles(vehicle, OPEN)
     start = initial_state(plant_of(vehicle), 0.04)
     own = go(vehicle, start, CLOSE, 1.0, latch_released=1.0)
     other = go(free, start, CLOSE, 1.0, latch_released=1.0, obstacle=spring)
@@ -218,7 +218,7 @@ def time_home(vehicle: Vehicle, step: float) -> float:
 def test_the_duration_of_cinching_does_not_depend_on_the_step(
     stiffness: float, force: float, steps: tuple[float, ...]
 ):
-    """The hook yields to the motor while the gate follows: at 5 ms cinching once took 81 ms and more too long."""
+    """The hook yields to the motor while the gate follows: at 5 ms cinching once took at least 81 ms too long."""
     keys = (f"latch.stiffness={stiffness}", f"latch.cinch_force={force}")
     vehicle = built("latch.cinch=automatic", *keys)
     limit = time_home(vehicle, 2e-5)
@@ -229,7 +229,7 @@ def test_the_duration_of_cinching_does_not_depend_on_the_step(
 @pytest.mark.parametrize("stiff", [False, True])
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
 def test_the_bending_of_a_pulled_hook_solves_its_differential_equation(stiff: bool, step: float):
-    """db/dt = ṡ + v_c − y b, for a rate that goes from 4 to −6 mm/s (a stiff hook: is the last one all along)."""
+    """db/dt = ṡ + v_c − y b, for a rate that goes from 4 to −6 mm/s (for a stiff hook, −6 mm/s all along)."""
     claw, bent, rate, rate_end = CLAW._replace(damping=500.0), 2e-4, 0.004, -0.006
     yielding = claw.cinch_speed * claw.stiffness / claw.cinch_force
 

@@ -20,7 +20,7 @@ LIMIT, PLAY, STEP = 2500.0, 5e-5, 1e-3
 
 
 def exact_way(stiffness: float, damping: float, bent: float, rate: float) -> float:
-    """Slip under the clutch's force, k e + c ė = F_c, by small steps."""
+    """Slip [m] within a step while the mechanism has the clutch's force, k e + c ė = F_c, by small steps."""
     n, slip = 20_000, 0.0
     for _ in range(n):
         yields = (LIMIT - stiffness * bent) / damping
@@ -115,7 +115,7 @@ def test_a_clutch_that_never_slips_has_no_effect():
 
 
 def test_the_thermal_cut_out_holds_and_trips_as_in_the_data_sheet():
-    """5 A for ever and 8.5 A hardly at 20 °C; 25 A for 3.6 s (default values with 36 mΩ)."""
+    """Holds 5 A for ever and 8.5 A, but not 9 A, at 20 °C; trips at 25 A after 3.6 s (defaults with 36 mΩ)."""
     fuse = Cutout(resistance=0.036)
 
     def heated(current: float, seconds: float, h: float = 1e-3) -> float:

@@ -93,7 +93,7 @@ POINTS = [
 
 @pytest.fixture(scope="module")
 def heavy() -> Vehicle:
-    """A plant whose rotors are so heavy that their speed is constant."""
+    """A vehicle whose rotors are so heavy that their speed is constant."""
     return load_vehicle("suv", ["motor.rotor_inertia=1.0", "bridge.diode_drop=0.7"], ideal=True)
 
 
@@ -262,7 +262,7 @@ def test_a_shunt_sampled_in_the_on_time_shows_the_on_time_current():
         assert now.on * 0.3 == pytest.approx(now.drawn)
 
 
-def test_a_voltage_driven_motor_is_fully_visible_to_its_shunt():
+def test_a_shunt_carries_the_whole_current_of_a_voltage_driven_motor():
     vehicle = load_vehicle("suv", ideal=True)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.5)
@@ -290,7 +290,7 @@ def test_a_pwm_current_without_a_driving_voltage_is_finite(emf: float):
         CurrentPath(-5.0, 2.0, 0.0, -7.0, 900.0, NO_SWITCHING),
     ],
 )
-def test_rms_and_peak_of_a_current_path_agree_with_its_course(path: CurrentPath):
+def test_rms_and_peak_of_a_current_path_agree_with_the_current_over_time(path: CurrentPath):
     step = 1e-3
     times = np.linspace(0.0, step, 200_001)
     first = path.start - path.amplitude

@@ -77,7 +77,7 @@ RUNS = {
 
 
 def solution(vehicle: Vehicle, case: Run, times: np.ndarray, order: int) -> np.ndarray:
-    """Left current, right current, speed and position (n, 4): 3rd order (4.1–4.13), 2nd order (§4.6.3)."""
+    """Left and right current, speed, position (n, 4), by an ODE solver: 3rd order (4.1–4.13), 2nd (§4.6.3)."""
     drives = (vehicle.left, vehicle.right)[: vehicle.drives]
     lid, place = vehicle.gate, vehicle.environment
     s, r0 = math.hypot(*lid.body_point), math.hypot(*lid.gate_point)

@@ -172,7 +172,7 @@ def test_each_hall_level_column_is_that_of_its_own_sensor(steps: tuple[int, int]
 
 
 def noisy(name: str) -> set[str]:
-    """Columns that change with one of the sensors' errors."""
+    """Names of the sensed columns that change with this error of the sensors."""
     numbers = count(1.5)
     plant = plant_of(suv())
     state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))

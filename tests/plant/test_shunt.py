@@ -38,7 +38,7 @@ CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100
 
 
 def behind(signal, filtered: float, constant: float, step: float) -> float:
-    """Output of a low-pass at the end of a step, by quadrature."""
+    """Output of a low-pass, fed with `signal` of time, at the end of a step, by quadrature."""
     share, _ = quad(
         lambda t: signal(t) * math.exp(-(step - t) / constant) / constant,
         0.0, step, epsabs=1e-11, epsrel=1e-11, limit=500,
@@ -106,7 +106,7 @@ def readings(
     every: int,
     out: np.ndarray,
 ) -> None:
-    """Readings of the left motor's current every `every` steps; a phase is duty, coast and its last step."""
+    """Write every `every`-th reading of the left motor's current; a phase is duty, coast and its last step."""
     written = done = 0
     for phase in range(len(phases)):
         drive = DriveInput(phases[phase, 0], 0.0, phases[phase, 1])

@@ -70,7 +70,7 @@ def held_from(name: str, slope: float) -> float:
 
 
 def force_on_a_drive(name: str, angle: float, slope: float) -> float:
-    """Force that springs, weight and seal put on each drive at the spindle [N]."""
+    """Force that springs, weight and seal put on each drive at the spindle [N], positive opening."""
     p = plant(name)
     # A drive in the middle of its play pushes nothing.
     torque = dynamics.gate_torque(p, initial.initial_state(p, angle), surroundings(name, slope=slope))
@@ -95,7 +95,7 @@ def _run(p: Plant, state: State, inputs: Inputs, step: float, steps: int, record
 def run(
     name: str, state: State, command: int, load: Load, duration: float, step: float = STEP
 ) -> tuple[State, np.ndarray]:
-    """Run both drives at full duty, braked or coasting for `duration`; one row per step."""
+    """Final state and a row per step of a run with both drives at full duty, braked or coasting."""
     drive = drive_input(command, 1.0)
     steps = round(duration / step)
     record = np.zeros((steps, 4))
@@ -117,7 +117,7 @@ def closing(name: str, voltage: float = 12.0, slope: float = 0.0) -> np.ndarray:
 
 
 def travelling(record: np.ndarray, arrived: np.ndarray, top: float) -> np.ndarray:
-    """The rows half a second after the start, until it has arrived or is within the seal's reach."""
+    """Rows from 0.5 s on until arrival, without those in reach of the seal or at `top` [rad] and above."""
     rows = record[: int(np.argmax(arrived))][round(0.5 / STEP) :]
     return rows[(rows[:, ANGLE] > math.radians(3.0)) & (rows[:, ANGLE] < top)]
 

@@ -222,7 +222,7 @@ Element = Contact | MomentumEquation | Latch
 
 
 class Twist:
-    """The torsion mode; its two states are the last ones."""
+    """The gate's torsion mode; its states, twist and twist rate, are the last two of the solution's."""
 
     def __init__(self, gate: Mapping[str, Any], inertia: float) -> None:
         self.stiffness: float = gate["torsional_stiffness"]
@@ -265,7 +265,7 @@ class Geometry:
         return Link(length - self.closed_length, arm * rate, arm)
 
     def share(self, lateral: float) -> float:
-        """Lateral position as a fraction y/w."""
+        """Lateral position as a fraction y/w; 0 if the gate does not twist."""
         return 0.0 if self.twist is None else lateral / self.twist.half_width
 
 
@@ -282,7 +282,7 @@ class Thermal:
         self.magnet: float = table.get("magnet_coefficient", -0.001)
 
     def rates(self, warm: Sequence[float], loss: float, ambient: float) -> list[float]:
-        """Rates of both temperatures."""
+        """Rates [K/s] of the temperatures of winding and housing at a loss [W]."""
         inner = (warm[0] - warm[1]) / self.to_housing
         outer = (warm[1] - ambient) / self.to_ambient
         return [(loss - inner) / self.winding, (inner - outer) / self.housing]
@@ -390,7 +390,7 @@ class Drive:
         return 1.0 + self.thermal.magnet * (self.warm(v)[1] - 20.0)
 
     def warming(self, v: View) -> list[float]:
-        """Rates of both temperatures."""
+        """Rates [K/s] of the temperatures of winding and housing; [] without a thermal model."""
         if not self.thermal.enabled:
             return []
         loss = self.resistance_at(v) * v.state[self.first] ** 2
@@ -674,7 +674,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Vehicle with disturbed last bits if the suite's switch is on: of integers too, but for counts."""
+    """Vehicle with disturbed last bits if LAST_BITS is set: of integers too, but for counts."""
 
     def numbers(table: Mapping[str, Any]) -> dict[str, Any]:
         return {
@@ -690,7 +690,7 @@ def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _phases_off(phases: Sequence[Phase]) -> list[Phase]:
-    """Phases with disturbed last bits if the suite's switch is on; end times and equal values stay equal."""
+    """Phases with disturbed last bits if LAST_BITS is set; end times and equal values stay equal."""
     return [
         replace(
             last_bits.off(each, "phase"),

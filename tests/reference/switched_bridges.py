@@ -144,7 +144,7 @@ class _Run:
         return -terminal - 2.0 * drop, terminal + 2.0 * drop
 
     def phase(self, current: np.ndarray, is_on: list[bool], starts: set[int]) -> Phase:
-        """Direction of each current; an idle bridge begins to conduct where its EMF is beyond its window."""
+        """The conducting bridges with s and v; an idle one begins to conduct if its EMF is beyond its window."""
         count = len(self.bridges)
         share, offset, alive = np.zeros(count), np.zeros(count), np.ones(count, bool)
         for k, each in enumerate(self.bridges):
@@ -190,7 +190,7 @@ class _Run:
         force: np.ndarray,
         left: float,
     ) -> tuple[float, int | None, bool]:
-        """Time at which the first diode's current ends or begins, its bridge, and which of both; else the end."""
+        """Time until a diode's current ends or begins, its bridge, if it begins; else (`left`, None, False)."""
         first: tuple[float, int | None, bool] = (left, None, False)
         for k, each in enumerate(self.bridges):
             if is_on[k] or each.mode == "slow":

@@ -88,7 +88,7 @@ def exact(case: Case, times: np.ndarray) -> Solution:
 
 @functools.cache
 def sound(count: int) -> Solution:
-    """Run of a gate without a fault over this number of ticks."""
+    """Exact solution of a gate without a fault over this number of ticks of 1 ms."""
     nothing = Case("parameter", {}, {})
     return exact(nothing, np.minimum(1e-3 * np.arange(count), END))
 

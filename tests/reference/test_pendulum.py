@@ -38,7 +38,7 @@ def swing(amplitude_deg: float, seconds: float, *more: str) -> np.ndarray:
 
 
 def period(angle: np.ndarray) -> float:
-    """Period from the interpolated downward zero crossings."""
+    """Period [s] from the interpolated downward zero crossings."""
     rows = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
     times = (rows + angle[rows] / (angle[rows] - angle[rows + 1])) * STEP
     return float(np.diff(times).mean())

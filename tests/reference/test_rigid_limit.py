@@ -59,7 +59,7 @@ def rigid_solution(vehicle: Vehicle, volts: float) -> np.ndarray:
 
 
 def distance(stiffness: float) -> tuple[float, float, float]:
-    """Largest errors of current [A] and speed [rev/s] after the inrush, and of the position [rev]."""
+    """Largest differences from rigid solution: current [A], speed [rev/s] (after the inrush), position [rev]."""
     # The damping keeps its share of the critical one: its root goes with the stiffness.
     damping = 4000.0 * math.sqrt(stiffness / 5e5)
     vehicle = suv("gear.backlash=0", f"mechanism.stiffness={stiffness}", f"mechanism.damping={damping}")

@@ -19,7 +19,7 @@ DRIVER = [flag for second in range(0, 90, 3) for flag in ("--request", f"{second
 
 @contextlib.contextmanager
 def running(step: Callable[[], None]) -> Iterator[None]:
-    """Call `step` repeatedly in a thread."""
+    """Call `step` repeatedly in a thread until the context ends."""
     ended = threading.Event()
 
     def go() -> None:
@@ -75,7 +75,7 @@ class Client:
         link.sendall(b"< hi >")
 
     def messages(self) -> list[list[str]]:
-        """Messages of the client, split into words."""
+        """Messages received since the last call, each split into words; [] if there are none."""
         try:
             *said, self.rest = (self.rest + self.link.recv(65536).decode()).split(">")
         except OSError:

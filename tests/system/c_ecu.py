@@ -29,13 +29,13 @@ STOP, OPEN, CLOSE = 0, 1, 2
 
 
 def build_ecu(folder: Path) -> tuple[Path, Path]:
-    """Build the example ECU for SocketCAN and for a serial line in this folder."""
+    """Build the example ECU for SocketCAN and for a serial line in this folder; return the two programs."""
     _make(folder, "ecu-can", "ecu-serial")
     return folder / "ecu-can", folder / "ecu-serial"
 
 
 def build_library(folder: Path) -> Path:
-    """Build the example ECU as a library in this folder."""
+    """Build the example ECU as a library in this folder; return its path."""
     _make(folder, "liftgate-ecu.so")
     return folder / "liftgate-ecu.so"
 

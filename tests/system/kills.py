@@ -43,7 +43,7 @@ def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def recorder_of(folder: Path) -> int:
-    """Return the id of the process that records there."""
+    """Return the id of the process that writes the recording in this folder."""
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
             command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""

@@ -376,7 +376,7 @@ def _content(path: Path) -> str:
 def run(
     line: str, folder: Path, places: Mapping[str, str] | None = None, more: str = "", codes: tuple[int, ...] = (0,)
 ) -> str:
-    """Run a command and return its output."""
+    """Run a command, assert that its exit code is one of `codes`, and return its output."""
     code, out, complaints = outcome(line, folder, places, more)
     assert code in codes, (line, out, complaints)
     assert "Traceback" not in complaints

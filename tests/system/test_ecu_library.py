@@ -183,7 +183,7 @@ def test_without_buffer_space_nothing_is_written_and_the_counter_stays(ecu: Libr
 
 
 def wrong(frames: Sequence[Frame], kind: str) -> list[Frame]:
-    """Frames made invalid."""
+    """The frames made invalid in one of the ways of KINDS."""
     flags = {"extended": EXTENDED, "remote": REMOTE, "error": ERROR}
     lengths = {"short": -1, "long": 1, "empty": None, "absurd": 247}
     if kind in flags:

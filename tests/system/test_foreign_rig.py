@@ -61,7 +61,7 @@ def test_the_demo_runs_on_a_rig_as_drafted(tmp_path: Path, capsys: pytest.Captur
     check_story(capsys.readouterr().out)
 
 
-def test_the_same_run_on_a_foreign_database_is_bit_identical(tmp_path: Path) -> None:
+def test_recordings_of_a_repeated_demo_are_bit_identical(tmp_path: Path) -> None:
     recordings = []
     for name in ("first", "second"):
         folder = tmp_path / name

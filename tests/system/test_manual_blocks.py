@@ -94,7 +94,7 @@ def words(text: str) -> str:
 
 
 def execute(text: str, names: dict[str, Any], folder: Path) -> str:
-    """What Python prints that goes on, with these names, where the last of its page has ended."""
+    """Output of Python code that continues with the names left by the previous block of its page."""
 
     def execution() -> int:
         sys.path.insert(0, str(folder))

@@ -244,7 +244,7 @@ def test_curl_scripts_control_a_run_through_its_page(
 
 @pytest.mark.realtime
 @pytest.mark.usefixtures("demo")
-def test_a_page_shows_a_recording(folder: Path) -> None:
+def test_the_manuals_command_serves_the_page_of_a_recording(folder: Path) -> None:
     with served(command("liftgate-hil dashboard --recording"), folder) as (address, _):
         assert address.startswith("http://127.0.0.1:")
 

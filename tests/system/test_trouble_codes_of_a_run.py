@@ -36,7 +36,7 @@ state = "absent"
 
 @pytest.fixture
 def short(tmp_path: Path) -> Callable[..., Path]:
-    """Write a scenario in which nothing happens, with text added."""
+    """Function that writes a scenario in which nothing happens, with text added, and returns its path."""
 
     def made(more: str = "", duration: float = 1.0) -> Path:
         path = text_file(tmp_path / "short.toml", SHORT.format(duration=duration) + more)

@@ -1,4 +1,4 @@
-"""Tests that depend on the last bits, for `test_last_bits.py`: they pass without the switch and fail with it."""
+"""Tests that depend on the last bits, for `test_last_bits.py`: they pass without LAST_BITS and fail with it."""
 
 from __future__ import annotations
 

@@ -96,7 +96,6 @@ def test_the_first_failure_is_counted_by_its_position_in_the_batch() -> None:
 
 @pytest.mark.parametrize("name", ["linear, 2", "two, 3:1, 2", "curved away, 2", "curved about, 2"])
 def test_the_known_failure_probability_agrees_with_a_grid_integral(name: str) -> None:
-    """By a grid over the plane."""
     z = np.linspace(-7.0, 7.0, 2001)
     x, y = np.meshgrid(z, z)
     failed = FAILURES[name].margin(np.column_stack([x.ravel(), y.ravel()])) < 0.0

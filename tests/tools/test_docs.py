@@ -37,7 +37,7 @@ def test_every_link_of_the_pages_resolves() -> None:
 
 
 def lines(record: type, *names: str) -> str:
-    """Keys of a table, all or some, with the defaults stated on a page."""
+    """TOML lines of a table, of all its keys or some, with the defaults stated on a page."""
     told = {key.name: key.default_text for key in fields_of(record) if key.name in names or not names}
     number = {key: value for key, value in told.items() if value.isdigit()}
     word = {key: told[key] for key in ("meets", "interpolation", "checksum_kind") if key in told}

@@ -30,7 +30,7 @@ SOME = (
 
 
 def suite(seed: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run pytest as a process with the switch set to a seed."""
+    """Run pytest as a process with LAST_BITS set to this seed."""
     environment = {**os.environ, last_bits.VARIABLE: seed}
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments],
@@ -48,7 +48,7 @@ def active(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def moved(before: float, after: float) -> bool:
-    """Whether a number has changed by more than nothing and by no more than the stated amount."""
+    """Whether a number has changed by more than nothing and by no more than `last_bits.OFF`, relatively."""
     return 0.0 < abs(after / before - 1.0) < 1.01 * last_bits.OFF
 
 
@@ -58,7 +58,7 @@ def test_a_part_of_the_suite_passes_with_changed_last_bits() -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_a_test_that_depends_on_the_last_bits_fails_with_the_switch_only() -> None:
+def test_a_test_that_depends_on_the_last_bits_fails_only_if_they_are_changed() -> None:
     count = (ROOT / CANARIES).read_text().count("\ndef test_")
     done = suite("", CANARIES)
     assert f"{count} passed" in done.stdout, done.stdout
@@ -66,7 +66,7 @@ def test_a_test_that_depends_on_the_last_bits_fails_with_the_switch_only() -> No
     assert re.search(rf"^{count} failed in", done.stdout, re.MULTILINE), done.stdout
 
 
-def test_only_a_seed_turns_the_switch_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_last_bits_are_changed_only_with_a_valid_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     for text, seed in (("", 0), ("7", 7)):
         monkeypatch.setenv(last_bits.VARIABLE, text)
         assert last_bits.seed() == seed
@@ -77,7 +77,7 @@ def test_only_a_seed_turns_the_switch_on(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.usefixtures("active")
-def test_end_times_switches_and_counts_keep_their_values_and_equal_drives_stay_equal() -> None:
+def test_end_times_flags_and_counts_keep_their_values_and_equal_drives_stay_equal() -> None:
     vehicle: Vehicle = vehicle_from("suv", ["motor.efficiency=1", "thermal.enabled=1"])
     other = last_bits.off(vehicle.left, "drive")
     assert moved(vehicle.left.motor.resistance, other.motor.resistance)
@@ -104,7 +104,7 @@ def test_last_bits_of_all_kinds_of_values_are_changed() -> None:
     assert last_bits.off([2.0, (3.0, "x", 4)], "list")[1][1:] == ("x", 4)
 
 
-def test_without_the_switch_values_are_unchanged() -> None:
+def test_without_a_seed_values_are_unchanged() -> None:
     assert not last_bits.is_active
     value = {"a": 0.3}
     assert last_bits.off(value) is value

@@ -54,7 +54,7 @@ def test_each_variant_is_counted_once_and_each_second_is_attributed(deaths: floa
 
 
 @pytest.mark.parametrize("cost", [0.001, 0.01, 0.05, 0.2, 1.0])
-def test_throughput_saturates_at_the_scheduler_s_rate(cost: float) -> None:
+def test_throughput_saturates_at_the_schedulers_rate(cost: float) -> None:
     """A server with a fixed time per variant: its rate is the lesser of the workers' rate and 1 / cost."""
     workers, size, batches = 20, 100, 4000
     figures = replace(NOTHING, scheduler_s=cost)
@@ -64,7 +64,7 @@ def test_throughput_saturates_at_the_scheduler_s_rate(cost: float) -> None:
     assert found.bottleneck == ("scheduler" if 1.0 / cost < workers / (size * VARIANT) else found.bottleneck)
 
 
-def test_efficiency_falls_with_the_client_s_cost() -> None:
+def test_efficiency_falls_with_the_clients_cost() -> None:
     found = [
         simulate(Case(400_000, 20, size=100), replace(NOTHING, submit_s=cost, result_s=cost))
         for cost in (0.0, 0.01, 0.1, 0.3)

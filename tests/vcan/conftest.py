@@ -35,7 +35,7 @@ def rig() -> Rig:
 
 @pytest.fixture
 def seen(request: pytest.FixtureRequest) -> tuple[int, ...]:
-    """Identifiers for candump to record; none: all."""
+    """Identifiers for candump to record; () for all."""
     return getattr(request, "param", ())
 
 

@@ -124,12 +124,12 @@ class Emulator(subprocess.Popen[str]):
         )
 
     def holds(self) -> tuple[int, int]:
-        """Number of file descriptors and threads."""
+        """Numbers of open file descriptors and of threads."""
         place = Path("/proc", str(self.pid))
         return len(list((place / "fd").iterdir())), len(list((place / "task").iterdir()))
 
     def wait_until_it_holds(self, held: tuple[int, int]) -> None:
-        """Wait for these numbers; a check of link or machine opens a descriptor for a moment."""
+        """Wait for these numbers of descriptors and threads; a check of link or machine opens one for a moment."""
         wait_for(lambda: self.holds() == held, f"holds {self.holds()}, at first {held}")
 
 

@@ -25,11 +25,11 @@ class Row(NamedTuple):
 
 _BODIES, _THESIS = "plant/test_bodies.py", "reference/test_thesis.py"
 FRICTION = f"{_BODIES}::test_dry_friction_never_drives"
-LOSSES = f"{_BODIES}::test_friction_referred_to_the_motor_is_the_hand_check"
+LOSSES = f"{_BODIES}::test_friction_referred_to_the_motor_agrees_with_the_hand_calculation"
 COIL = f"{_BODIES}::test_a_lost_spring_takes_its_share_of_the_force_away"
 SEAL = f"{_BODIES}::test_the_seals_depth_ends_where_its_force_is_zero"
 INVERSE = f"{_BODIES}::test_angle_and_length_are_inverse_and_the_lever_arm_is_their_slope"
-HAND_CHECK = f"{_BODIES}::test_the_linkage_is_the_hand_check_wherever_the_hinge_is"
+HAND_CHECK = f"{_BODIES}::test_the_linkage_agrees_with_the_hand_calculation_wherever_the_hinge_is"
 LINKAGE = f"{_THESIS}::test_length_and_lever_arm_of_the_actuator_agree_with_vector_geometry"
 WEIGHT = f"{_THESIS}::test_the_weight_torque_agrees_with_its_cross_product"
 SPRING = f"{_THESIS}::test_the_spring_torque_agrees_with_its_cross_product"

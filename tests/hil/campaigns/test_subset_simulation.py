@@ -36,19 +36,19 @@ def estimate(
 
 
 def half_space(probability: float) -> Margin:
-    """Margin of failures beyond a plane oblique to the axes."""
+    """Margin function of failures, of this probability, beyond a plane oblique to the axes."""
     distance = -norm.ppf(probability)
     return lambda points: distance - np.sum(points, axis=1) / math.sqrt(points.shape[1])
 
 
 def opposite(first: float, second: float) -> Margin:
-    """Margin of failures in two pockets of given probabilities on opposite sides."""
+    """Margin function of failures in two pockets of given probabilities on opposite sides."""
     near, far = -norm.ppf(first), -norm.ppf(second)
     return lambda points: np.minimum(near - points[:, 0], far + points[:, 0])
 
 
 def hidden(first: float, second: float) -> Margin:
-    """Margin of failures in two pockets on opposite sides; outside the second one no margin indicates it."""
+    """Margin function of failures in two opposite pockets; outside the second one no margin indicates it."""
     near, far = -norm.ppf(first), -norm.ppf(second)
     return lambda points: np.where(points[:, 0] < -far, -1.0, near - points[:, 0])
 
@@ -62,7 +62,7 @@ def rough_places(first: float, second: float, dimension: int) -> Floats:
 
 
 def parabola(curvature: float) -> tuple[Margin, float]:
-    """Return the margin of failures beyond a parabola and their probability."""
+    """Return the margin function of failures beyond a parabola and their probability."""
     grid = np.linspace(-9.0, 9.0, 20_001)
 
     def probability(apex: float) -> float:
@@ -90,7 +90,7 @@ def test_the_interval_holds_the_probability_of_a_half_space(dimension: int) -> N
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 1e-2, 1e-3, 1e-5, 1e-6])
-def test_the_interval_holds_frequent_and_rare_failures(probability: float) -> None:
+def test_the_interval_holds_the_probability_of_frequent_and_rare_failures(probability: float) -> None:
     assert holds(estimate(half_space(probability), 6), probability)
 
 

@@ -199,9 +199,9 @@ def test_a_foreign_ecu_on_a_late_machine_is_judged_where_its_verdicts_are_certai
 def test_on_a_machine_too_busy_for_real_time_the_demo_repeats_on_the_free_clock(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A loop that is held up for 0.3 s in a motion ends there, or where the machine itself held it up before.
+    """The run ends where the loop is held up for 0.3 s, in a motion, or earlier if the machine held it up.
 
-    What the ECU does then is not told; of a machine that is busy it may have stopped before, but not reversed.
+    What the ECU does after that is not shown; on a busy machine it may have stopped before, but not reversed.
     """
     from liftgate_hil.loop import realtime_run
 

@@ -39,7 +39,7 @@ SIGMAS = 4.0  # six seeds out of ten thousand are further off
 
 @pytest.fixture(scope="module")
 def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2.5 s of opening by 8 V, of the reference SUV with the TRUTH."""
+    """Measurement of the reference SUV with the parameters TRUTH, opening at 8 V for 2.5 s."""
     folder = tmp_path_factory.mktemp("opening")
     out = simulated(folder, driven(2.5, 8.0), *settings(TRUTH))
     return write_columns(folder / "opening.csv", noisy(out, (*KEPT, "gate_angle_deg")))
@@ -201,7 +201,7 @@ def test_true_parameters_are_found_from_decimated_and_resampled_data(
     ]
 
 
-def test_rest_after_a_motion_is_assumed_by_timestamps_or_the_initial_flag(
+def test_rest_after_a_motion_is_inferred_from_timestamps_or_stated_by_the_initial_flag(
     capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
 ) -> None:
     late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})

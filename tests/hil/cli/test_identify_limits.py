@@ -21,7 +21,7 @@ NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
 
 @pytest.fixture(scope="module")
 def weak(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2.5 s of opening by 8 V; the current sensor shows 4 % too little, as if the motor generated energy."""
+    """Opening at 8 V for 2.5 s; the current sensor shows 4 % too little, as if the motor generated energy."""
     folder = tmp_path_factory.mktemp("weak")
     out = simulated(folder, driven(2.5, 8.0))
     columns = noisy(out, (*KEPT, "gate_angle_deg"))

@@ -144,7 +144,7 @@ def test_the_angle_of_a_spindle_position_is_that_of_the_plant() -> None:
 
 
 def moved(drive: Path, row: int, change: str) -> Path:
-    """A copy of the measurement whose times are changed from a row on, or up to that row."""
+    """A copy of the measurement, the times after `row` changed by an expression of `t`; returns its path."""
     lines = drive.read_text().splitlines()
     for k in range(1, len(lines)):
         if k > row:

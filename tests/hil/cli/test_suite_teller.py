@@ -22,7 +22,7 @@ FAILS = PASSES.replace("< 1", "> 1")
 
 
 def suite(*flags: str) -> int:
-    """Run a suite of three scenarios."""
+    """Run a suite of three scenarios, of which b.toml fails, and return the exit code."""
     for name, content in (("a", PASSES), ("b", FAILS), ("c", PASSES)):
         Path(f"{name}.toml").write_text(content)
     return main(["test", "a.toml", "b.toml", "c.toml", "--jobs", "1", *flags])

@@ -16,7 +16,7 @@ OUTPUTS = (*KEPT, "gate_angle_deg")
 
 @pytest.fixture(scope="module")
 def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2.5 s of opening by 8 V, of the reference SUV with the TRUTH."""
+    """Measurement of the reference SUV with the parameters TRUTH, opening at 8 V for 2.5 s."""
     folder = tmp_path_factory.mktemp("opening")
     out = simulated(folder, driven(2.5, 8.0), *settings(TRUTH))
     return write(folder / "opening.csv", noisy(out, OUTPUTS))

@@ -84,7 +84,7 @@ def bus_config_of(
 
 
 def theirs(profile: str, mode: str = "both", length: int = 8) -> Sender:
-    """Return a function that makes a frame with the package autosar-e2e."""
+    """Return a function of counter and value that makes a frame with the package autosar-e2e."""
     modes = {
         "both": e2e.p01.E2E_P01_DATAID_BOTH,
         "alternating": e2e.p01.E2E_P01_DATAID_ALT,
@@ -128,7 +128,7 @@ VARIANTS = [
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 @pytest.mark.parametrize("length", [5, 8, 64])
-def test_sent_frames_equal_those_of_the_package(codec: tuple[Any, Any], profile: str, mode: str, length: int):
+def test_sent_frames_equal_those_of_autosar_e2e(codec: tuple[Any, Any], profile: str, mode: str, length: int):
     bus = bus_config_of(profile, sending=True, length=length, mode=mode)
     their = theirs(profile, mode, length)
     modulus = MODULI[profile]
@@ -185,7 +185,7 @@ def payload_of(their: Sender, step: int | str, value: float) -> bytes:
 
 
 def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
-    """Return the fate of each frame, and the state after each step."""
+    """Return the cause under which each frame was counted, and the state after each step."""
     their = theirs(profile)
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     causes, states = [], []

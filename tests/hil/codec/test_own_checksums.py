@@ -56,7 +56,7 @@ def divided(data: Iterable[int], width: int, polynomial: int, start: int = 0, re
 
 
 def bus_of(message: Message, table: Mapping[str, Any], sending: bool = False, value: str = "Value") -> BusConfig:
-    """Return the tables of a message with this table [messages.M] of a rig."""
+    """Return the bus tables of a message with these options, as in [messages.M] of a rig."""
     issues = ConfigIssues("rig.toml")
     messages = Messages([message])
     options = message_options(issues, {message.name: dict(table)}, messages)

@@ -42,7 +42,7 @@ def codec(request: pytest.FixtureRequest) -> Codec:
 
 
 def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple[Any, Counts]:
-    """Return the values of one frame."""
+    """Return the values received in one frame, and the counts."""
     quantities = 1 + int(max(bus.signals.quantity, default=0))
     frames = frames_of([(identifier, payload)])
     start = nothing_received(bus, quantities)
@@ -51,7 +51,7 @@ def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple
 
 
 def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
-    """Return the payload of the only message."""
+    """Return the payload in which the only message is sent with these values."""
     _, frames = transmitted(bus, values, call=codec.transmit)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
@@ -414,7 +414,7 @@ def test_a_multiplexer_page_has_the_start_values_of_all_its_signals(codec: Codec
 
 
 def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec):
-    """At the end all pages are sent at once; the values read back by the same tables."""
+    """At the end all pages are sent at once, and the same tables read the values back."""
     message, names = multiplexed(), ("A", "B", "C")
     mappings = [SignalMapping(name, "M", name) for name in names]
     options = {"M": MessageOptions(cycle_ms=10.0)}

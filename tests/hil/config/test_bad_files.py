@@ -78,7 +78,7 @@ def test_an_unreadable_database_of_a_rig_is_reported_with_the_cause(tmp_path: Pa
     assert "x.dbc: cannot be read: Too many levels" in issue
 
 
-def soon(load: Callable[[Path], Any], path: Path) -> list[str]:
+def issues_soon(load: Callable[[Path], Any], path: Path) -> list[str]:
     """Return the issues of a file, within a time that a quadratic effort in its keys would exceed."""
     before = time.process_time()
     issues = issues_of(load, path)
@@ -89,7 +89,7 @@ def soon(load: Callable[[Path], Any], path: Path) -> list[str]:
 @pytest.mark.parametrize("load", LOADERS)
 def test_a_huge_number_of_unknown_keys_is_counted_and_not_listed(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "x.toml", "".join(f"k{i}=1\n" for i in range(100_000)))
-    issues = soon(load, path)
+    issues = issues_soon(load, path)
     assert len([issue for issue in issues if ": unknown key; allowed" in issue]) == 20
     assert any("k20: and 99979 more: unknown keys" in issue for issue in issues)
     assert len(issues) <= MOST + 1
@@ -113,7 +113,7 @@ def test_too_deep_or_too_large_content_is_reported_without_delay(
     tmp_path: Path, load: Callable[[Path], Any], content: str
 ):
     path = text_file(tmp_path / "x.toml", content)
-    for issue in soon(load, path):
+    for issue in issues_soon(load, path):
         assert "allowed" in issue or "not valid TOML" in issue
         assert len(issue) < 1000
 

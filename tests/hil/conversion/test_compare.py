@@ -141,7 +141,7 @@ def test_recordings_that_cannot_be_compared_are_reported(tmp_path: Path) -> None
 
 
 def steps(path: Path, at_ms: float, delay_ms: float = 0.0, spike_ms: int = -1, every: int = 1) -> Path:
-    """A signal that steps from 0 to 10, optionally with a spike of one row; all rows are delayed."""
+    """Write a recording of a delayed signal that steps from 0 to 10, with a one-row spike if `spike_ms` ≥ 0."""
     times = list(range(0, 200, every))
     values = [5.0 if k == spike_ms else 10.0 * (k >= at_ms) for k in times]
     rows = [(round(1e-3 * (k + delay_ms), 9), each, 0.0) for k, each in zip(times, values, strict=True)]
@@ -201,7 +201,7 @@ def test_recordings_of_different_sampling_rates_are_compared_within_the_time_tol
 
 
 def held(rows: list[tuple[float, float]], time: float) -> float:
-    """Return the value that holds at a time."""
+    """Return the value that holds at a time, NaN before the first row."""
     return next((value for at, value in reversed(rows) if at <= time + 1e-12), math.nan)
 
 

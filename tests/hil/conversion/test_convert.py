@@ -333,7 +333,7 @@ def test_a_truncated_text_log_is_converted_without_its_last_line(tmp_path: Path)
 
 
 def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Return the messages of the command, which must refuse."""
+    """Return the messages, a single one, of `convert`, which must refuse these arguments."""
     assert main(["convert", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""

@@ -26,7 +26,7 @@ class Wire:
 
 
 class Protocol:
-    """A stand-in for uvicorn's protocol; `come` is a request, which `app` answers."""
+    """A stand-in for uvicorn's protocol: one connection of a set of all; `app` answers its requests."""
 
     def __init__(self, all_of_them: set[Any], app: Callable[..., Any]) -> None:
         self.connections, self.app, self.cycle = all_of_them, app, None
@@ -44,7 +44,7 @@ class Protocol:
 
 
 class Later:
-    """Scheduled calls on a clock that stands still."""
+    """A scheduled call on a clock that stands still; a test executes it by `due`."""
 
     def __init__(self, delay: float, action: Callable[..., None], *arguments: Any) -> None:
         self.delay, self.due = delay, lambda: action(*arguments)

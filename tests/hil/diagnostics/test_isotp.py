@@ -226,7 +226,7 @@ def test_frames_with_another_identifier_are_ignored() -> None:
 
 
 def fed(link: Link, frames: Frames, room: Frames, now_ns: int, step_ns: int) -> int:
-    """Return the total length of messages received from frames, one per tick, in exchange with our node."""
+    """Return the total length of messages received from frames, one per `step_ns`, while our node sends too."""
     total = 0
     for i in range(frames.count):
         total += hear(link, frames, i, now_ns)

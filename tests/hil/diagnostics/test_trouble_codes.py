@@ -39,7 +39,7 @@ def test_an_invalid_code_is_reported(text: str) -> None:
 
 
 def frames_of_answers(*answers: str, identifier: int = RESPONSE) -> np.ndarray:
-    """Return frames at intervals of a millisecond."""
+    """Return frames with these payloads, in hexadecimal, at intervals of a millisecond."""
     return logged([(k * 1_000_000, identifier, bytes.fromhex(answer)) for k, answer in enumerate(answers)])
 
 

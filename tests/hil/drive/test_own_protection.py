@@ -42,13 +42,13 @@ def crc(data: bytes, polynomial: int = 0x2F, start: int = 0xFF) -> int:
     return register
 
 
-def right(identifier: int, payload: bytes) -> int:
+def expected_checksum(identifier: int, payload: bytes) -> int:
     """Return the checksum by CHECKSUM of a payload whose last byte is the checksum."""
     covered = bytes([0x1A, identifier >> 8, identifier & 0xFF]) + payload[:7]
     return int(f"{crc(covered):08b}"[::-1], 2) ^ 0x5A
 
 
-def of(frames: list[can.Message], identifier: int) -> list[bytes]:
+def payloads_of(frames: list[can.Message], identifier: int) -> list[bytes]:
     return [bytes(each.data) for each in frames if each.arbitration_id == identifier]
 
 
@@ -66,10 +66,10 @@ def opening(rig: Path, **more: Any) -> lh.Gate:
 
 def test_gate_and_commands_use_the_protection_of_the_rig(tmp_path: Path) -> None:
     gate = opening(rig_file(tmp_path))
-    frames = of(gate.step(0.5), LEFT)
+    frames = payloads_of(gate.step(0.5), LEFT)
     assert gate.truth["gate_angle_deg"] > 31  # the command was understood
     assert counters(frames)[:6] == [5, 8, 11, 14, 3, 6]
-    assert all(each[7] == right(LEFT, each) for each in frames)
+    assert all(each[7] == expected_checksum(LEFT, each) for each in frames)
 
 
 def test_a_command_with_another_checksum_has_no_effect(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_command_with_another_checksum_has_no_effect(tmp_path: Path) -> None:
         values = {"LeftDuty": 60, "RightDuty": 60, "LeftDirection": 1, "RightDirection": 1,
                   "LatchRelease": 1, "AliveCounter": 1 + (4 + 3 * number) % 14, "Checksum": 0}  # fmt: skip
         payload = bytearray(message.encode(values))
-        payload[7] = right(COMMAND, payload) ^ (0 if number < 10 else 1)
+        payload[7] = expected_checksum(COMMAND, payload) ^ (0 if number < 10 else 1)
         gate.send(can.Message(arbitration_id=COMMAND, data=payload, is_extended_id=False))
         gate.step(0.010)
         assert (gate.truth["left_current_a"] != 0.0) == (number < 12)  # stale after three cycles
@@ -89,12 +89,12 @@ def test_faults_make_wrong_checksums_and_frozen_counters_of_a_makers_own_kind(tm
     gate = opening(rig_file(tmp_path))
     gate.step(0.1)
     fault = gate.fault("wrong_checksum", where="LeftDrive", direction="sent")
-    assert all(each[7] == right(LEFT, each) ^ 0xFF for each in of(gate.step(0.1), LEFT))
+    assert all(each[7] == expected_checksum(LEFT, each) ^ 0xFF for each in payloads_of(gate.step(0.1), LEFT))
     fault.clear()
     gate.fault("wrong_counter", where="LeftDrive", direction="sent")
-    frames = of(gate.step(0.1), LEFT)
+    frames = payloads_of(gate.step(0.1), LEFT)
     assert len({*counters(frames)}) == 1
-    assert all(each[7] == right(LEFT, each) for each in frames)
+    assert all(each[7] == expected_checksum(LEFT, each) for each in frames)
 
 
 @pytest.mark.parametrize("kind", ["wrong_checksum", "wrong_counter"])

@@ -77,7 +77,7 @@ class Ecu(threading.Thread):
 
 @pytest.fixture
 def on_bus() -> Iterator[Callable[..., tuple[Ecu, Any]]]:
-    """Return a function that runs a scenario with this ECU on a virtual bus."""
+    """Return a function that runs a scenario with this ECU on a virtual bus and returns the ECU and the result."""
     ecus = []
 
     def run(path: Path, rig: Rig = RIG, record: Any = (), **more: Any) -> tuple[Ecu, Any]:

@@ -285,7 +285,7 @@ def test_an_undescribed_checksum_is_left_open() -> None:
     assert not [key for key, _ in drafted("no_units").open if key.endswith(".checksum")]
 
 
-def test_mapped_and_open_keys_are_those_that_the_database_allows_to_know(name: str):
+def test_mapped_and_open_keys_equal_those_of_the_hand_made_table(name: str):
     draft = drafted(name)
     truth, to_fill_in = KNOWN[name]
     assert {key.partition(".")[2] for key in draft.mapped} == {*truth}
