@@ -32,7 +32,7 @@ _LEAST_STD = 1e-100  # of a prior: its weight is the square of the inverse
 def problem_of(
     request: MeasuredRequest, vehicle: Vehicle, model: str, sought: Sequence[Sought], outputs: Sequence[str]
 ) -> tuple[Problem, tuple[str, ...]]:
-    """Build the identification problem of a request; return it and notes on changed data. Raises ConfigError."""
+    """Build a request's identification problem; return it and notes on data and vehicle. Raises ConfigError."""
     initial = cast(str, request.initial)
     measurements = measurements_of(request, vehicle, model != "full")
     angles, pauses = beginnings_of(initial, vehicle, len(measurements))
@@ -86,7 +86,7 @@ def problem_of(
 
 
 def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:
-    """Raise ConfigError where a measurement does not begin at rest at the angle that `initial` states."""
+    """Raise ConfigError where data do not begin at rest at their stated angle [deg] (None: not stated)."""
     issues = []
     for each, angle in zip(data, angles, strict=True):
         if angle is None:
@@ -107,7 +107,7 @@ def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], give
 
 
 def _thinned(data: Sequence[Data], request: MeasuredRequest, vehicle: Vehicle) -> list[Data]:
-    """Return the data after `resample` and `decimate`. Raises ConfigError with the issues of all files."""
+    """Return all files' data, resampled and decimated as requested. Raises ConfigError with the issues of all."""
     quantum = 1.0 / vehicle.sensors.hall_counts
     result, issues = [], []
     for each in data:
@@ -139,7 +139,7 @@ def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
 
 
 def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
-    """Return the output columns to compare. Raises ConfigError where a requested one was not measured."""
+    """Return the measured columns of the `wanted` kinds (none: all). Raises ConfigError for a kind without one."""
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, the identification reports it
     kinds = wanted or list(OUTPUT_KINDS)
@@ -163,7 +163,7 @@ def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
 
 
 def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
-    """Return the measured columns that change, and those that never do: they show no noise, and have no weight."""
+    """Return names of the measured columns: those that change in any file, and those that are constant in all."""
     measured: set[str] = set()
     moving: set[str] = set()
     for each in data:
@@ -218,7 +218,7 @@ def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
 
 
 def sought_of(request: SoughtChoice, vehicle: Vehicle, wanted: Sequence[str]) -> list[Sought]:
-    """Return the free parameters of a request, with bounds and priors. Raises ConfigError with all issues."""
+    """Return the parameters `wanted` as free ones, with bounds and priors. Raises ConfigError with all issues."""
     if not wanted:
         raise ConfigError("`estimate`: missing; allowed: keys of the vehicle file, or `preset`")
     bounds = pairs(cast(tuple[str, ...], request.bounds), "bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")

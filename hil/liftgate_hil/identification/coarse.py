@@ -25,7 +25,7 @@ _FLAGS = (AT.left_coast, AT.right_coast, AT.latch_released)
 
 
 def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
-    """Return (the problem with few rows and the same unknowns, the indices of the outputs that it keeps).
+    """Return (the problem with few rows and the same unknowns, indices of its outputs); None: it saves little.
 
     None where the problem has few rows already, or where too few steps would be saved.
     """
@@ -40,12 +40,12 @@ def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
 
 
 def _steps(data: Sequence[Data], longest: float) -> float:
-    """Return the number of steps of a simulation of all experiments."""
+    """Return the number of steps of a simulation of all experiments, each at most `longest` [s]."""
     return sum(max(float(len(each.rows)), float(np.ptp(each.rows)) / longest) for each in data)
 
 
 def _coarse(data: Data, changes: Rows) -> Data:
-    """Return one experiment's data with few samples and few rows."""
+    """Return an experiment's data with few samples and rows; inputs keep their few `changes`, or are averaged."""
     rows = data.rows
     kept = _apart(rows, np.arange(len(rows)))
     places = {

@@ -94,9 +94,9 @@ def identification_of(
     command_line: str = "",
     worded: Callable[[str], str] = str,
 ) -> Identification:
-    """Run an identification, without writing files; `report` is called with each iteration.
+    """Run an identification without writing files; call `report` with number, loss and step of each iteration.
 
-    `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
+    `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
     inputs = inputs_of(request)
     check_targets(_targets_of(request), inputs.values())
@@ -125,9 +125,9 @@ def identification_of(
 def validation_of(
     request: ValidateRequest, command_line: str = "", worded: Callable[[str], str] = str
 ) -> Validation:
-    """Compare a model with measurements, without writing files.
+    """Compare a vehicle's model with measurements, and return the result without writing files.
 
-    `worded` puts names of arguments in notes and warnings into the words of who asked. Raises ConfigError.
+    `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
     inputs = inputs_of(request)
     check_targets(_targets_of(request), inputs.values())
@@ -146,7 +146,7 @@ def validation_of(
 
 
 def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
-    """Rank experiments by the information that they would give, without writing files. Raises ConfigError."""
+    """Rank candidate experiments by their information, without writing files. Raises ConfigError."""
     inputs = inputs_of(request)
     check_targets({"result": request.result}, inputs.values())
     origin = provenance_of(command_line or repr(request), sources_of(inputs))
@@ -174,20 +174,20 @@ def write_identification(request: IdentifyRequest, result: Identification, say: 
             )
 
     more = [vehicle] if request.save_vehicle else []
-    return _written([*_fit_writers(request, result, lambda: identification_html(result), say), *more])
+    return _write_all([*_fit_writers(request, result, lambda: identification_html(result), say), *more])
 
 
 def write_validation(request: ValidateRequest, result: Validation, say: Say = silent) -> list[str]:
     """Write a validation's output files; return the errors of those that could not be written."""
     from liftgate_hil.identification.reporting.html import validation_html
 
-    return _written(_fit_writers(request, result, lambda: validation_html(result), say))
+    return _write_all(_fit_writers(request, result, lambda: validation_html(result), say))
 
 
 def write_plan(request: PlanRequest, result: ExperimentPlan, say: Say = silent) -> list[str]:
     """Write an experiment plan's files, each reported to `say`; return the errors of those not written."""
     writers = [_json_writer(request.result, result, say)] if request.result else []
-    return _written([*writers, lambda: _write_inputs(request, result, say)])
+    return _write_all([*writers, lambda: _write_inputs(request, result, say)])
 
 
 def _fit_writers(
@@ -202,7 +202,7 @@ def _json_writer(path: str | Path, result: DescribedResult, say: Say) -> Callabl
     return lambda: write_report(str(path), "result", f"{result.to_json(indent=2)}\n", say)
 
 
-def _written(writers: Sequence[Callable[[], None]]) -> list[str]:
+def _write_all(writers: Sequence[Callable[[], None]]) -> list[str]:
     """Call all functions that write a file; return the issues of those that failed."""
     issues: list[str] = []
     for write in writers:
@@ -253,7 +253,7 @@ def _vehicle_of(request: SoughtChoice | ValidateRequest) -> Vehicle:
 
 
 def _wanted(request: SoughtChoice) -> tuple[Vehicle, str, list[Sought], tuple[str, ...]]:
-    """Return vehicle, model, free parameters and outputs of a request, or of its preset. Raises ConfigError."""
+    """Return vehicle, model, free parameters and outputs of a request, else of its preset. Raises ConfigError."""
     preset = PRESETS[request.preset] if request.preset else NO_PRESET
     vehicle = _vehicle_of(request)
     sought = sought_of(request, vehicle, request.estimate or preset.estimate)
@@ -261,7 +261,7 @@ def _wanted(request: SoughtChoice) -> tuple[Vehicle, str, list[Sought], tuple[st
 
 
 def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float64] | None:
-    """Return the outputs' noise standard deviations that a request gives; None without it. Raises ConfigError."""
+    """Return the given noise standard deviations of output `columns`; None: none is given. Raises ConfigError."""
     texts = cast(tuple[str, ...], request.noise)
     if not texts:
         return None
@@ -284,7 +284,7 @@ def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float
 
 
 def _with_result(vehicle: Vehicle, source: str | Path | DescribedResult) -> Vehicle:
-    """Return the vehicle with a result's estimates that are identifiable, or at a bound. Raises ConfigError."""
+    """Return the vehicle with a result's identifiable estimates and those at a given bound. Raises ConfigError."""
     path = "a result" if isinstance(source, DescribedResult) else source
     try:
         content: Any = (
@@ -345,7 +345,7 @@ def vehicle_text_of(request: IdentifyRequest, result: Identification) -> str:
 
 
 def _check_saved(text: str, target: str, sought: Sequence[str], identifiable: Mapping[str, float]) -> None:
-    """Raise ConfigError where the loader refuses the estimates beside the initial values of other parameters."""
+    """Raise ConfigError where the loader refuses a vehicle file with estimates; `target` is its path."""
     not_identifiable = [name for name in sought if name not in identifiable]
     try:
         vehicle_of(tomllib.loads(text), f"`save_vehicle` {target}")

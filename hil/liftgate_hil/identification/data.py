@@ -71,7 +71,7 @@ class Decimation:
 
 @functools.cache
 def low_pass(factor: int) -> Floats:
-    """Return the symmetric FIR filter to apply before taking every `factor`-th sample.
+    """Return the taps of the symmetric low-pass FIR filter to apply before taking every `factor`-th sample.
 
     Its amplitude is one half at the new Nyquist frequency, and its sum is 1.
     """
@@ -82,7 +82,7 @@ def low_pass(factor: int) -> Floats:
 
 
 def low_passed(values: Floats, factor: int) -> Floats:
-    """Return every `factor`-th value after the low-pass, without phase shift.
+    """Return every `factor`-th value after the filter `low_pass`, without phase shift.
 
     Beyond its ends the column is continued by point reflection, as a ramp would continue.
     """
@@ -122,7 +122,7 @@ class Data:
 
 
 def without_end(data: Data, seconds: float) -> Data:
-    """Return the data without the samples of the last `seconds`, and without those whose filter reaches there.
+    """Return the data with NaN for samples of the last `seconds`, and for those whose filter reaches there.
 
     What drove these samples need not be among the inputs.
     """
@@ -153,14 +153,14 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
 
 
 def changes_of(data: Data) -> NDArray[np.intp]:
-    """Return the rows (m,) at which the inputs change, beginning with the first row."""
+    """Return the indices (m,) of the rows at which the inputs change, beginning with the first row."""
     now, before = data.inputs[1:], data.inputs[:-1]
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return np.concatenate([[0], 1 + np.flatnonzero(~np.all(same, axis=1))])
 
 
 def is_count(position: Floats, quantum: float) -> bool:
-    """Whether a position's samples are whole multiples of a quantum [rev]."""
+    """Whether all finite samples of a position are whole multiples of a quantum [rev]."""
     counts = position[np.isfinite(position)] / quantum
     return bool(np.all(np.abs(counts - np.round(counts)) <= 1e-6 * (1.0 + np.abs(counts))))
 
@@ -205,7 +205,7 @@ def applied_voltage(data: Data, supply: float) -> Floats:
 
 
 def is_even(times: Floats) -> bool:
-    """Whether timestamps are evenly spaced."""
+    """Whether timestamps are evenly spaced, to 0.1 % of their period; True for fewer than three."""
     if len(times) < 3:
         return True
     period = (times[-1] - times[0]) / (len(times) - 1)
@@ -230,7 +230,7 @@ def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
 
 
 def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data:
-    """Return the experiment with its outputs resampled, and decimated by `factor`.
+    """Return the data with outputs resampled at `rate` [Hz] (None: not resampled) and decimated by `factor`.
 
     Resampled outputs are 1/rate [s] apart, interpolated linearly between samples and never across a gap;
     decimation keeps every `factor`-th of them, after a low-pass with zero phase. Positions that are whole
@@ -280,7 +280,7 @@ def _raster(data: Data, rate: float) -> Floats:
 
 
 def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
-    """Return a mask of unknown samples: in a gap, or so near one that the filter mostly sees interpolation."""
+    """Return a mask (n,) of unknown samples: in a gap, or near one, where the filter sees mostly interpolation."""
     rows = decimation.rows
     gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
     if decimation.factor == 1 or name in decimation.counts:

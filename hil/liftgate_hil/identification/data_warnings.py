@@ -58,14 +58,14 @@ _INPUTS = {
 
 
 def never_driven(data: Sequence[Data]) -> list[str]:
-    """Return a warning on data in which no motor is ever driven."""
+    """Return one warning if no motor is driven by a voltage or a duty in any experiment; else an empty list."""
     if any(np.any(is_driven(each)) for each in data):
         return []
     return ["no motor is driven: the data show only motion by weight, springs and hand"]
 
 
 def moves_one_way(problem: Problem, states: Sequence[Floats]) -> list[str]:
-    """Return a warning where the gate moves in one direction, and balance and friction are both estimated.
+    """Return one warning if the gate moves in one direction only, and balance and friction are both estimated.
 
     `states` are the simulated outputs (rows, 7) of each measurement at the end of the search.
     """
@@ -165,7 +165,7 @@ def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float
 
 
 def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[float]:
-    """Yield an upper limit of a motor's speed [rev/s] until `end` [s], by each output that shows it."""
+    """Yield an upper limit of a motor's speed [rev/s] until `end` [s] for each output that shows it."""
     plant = plant_of(vehicle)
     for name, values in data.outputs.items():
         there = np.isfinite(values) & (data.times < end)
@@ -263,7 +263,7 @@ def _is_near(factor: float, other: float) -> bool:
 
 
 def _by_other_inputs(problem: Problem) -> list[str]:
-    """Return a hint where scaled or reversed inputs, with outputs' signs reversed or not, fit all outputs."""
+    """Return one hint, on scaled or reversed inputs with which all outputs fit, with either sign; else none."""
     before = _fits(problem, problem.initial)
     for factor, text in _INPUTS.items():
         scale = np.ones(problem.data[0].inputs.shape[1])
@@ -271,8 +271,8 @@ def _by_other_inputs(problem: Problem) -> list[str]:
         data = [replace(each, inputs=each.inputs * scale) for each in problem.data]
         other = replace(problem, data=data, beginnings=())
         after = _fits(other, other.initial)
-        fit = _mean(after)
-        if not fit > max(_mean(before) + _BETTER, _GOOD) or min(each for each, _ in after.values()) <= _EACH:
+        fit = _mean_fit(after)
+        if not fit > max(_mean_fit(before) + _BETTER, _GOOD) or min(each for each, _ in after.values()) <= _EACH:
             continue
         turned = [name for name, (_, sign) in after.items() if sign < 0.0]
         also = f" and the sign of {', '.join(turned)} reversed" if turned else ""
@@ -280,7 +280,7 @@ def _by_other_inputs(problem: Problem) -> list[str]:
     return []
 
 
-def _mean(fits: dict[str, tuple[float, float]]) -> float:
+def _mean_fit(fits: dict[str, tuple[float, float]]) -> float:
     return float(np.mean([each for each, _ in fits.values()])) if fits else -math.inf
 
 

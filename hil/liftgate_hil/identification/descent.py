@@ -88,7 +88,7 @@ def descend(
     rounds: int,
     report: Report | None = None,
 ) -> Descent:
-    """Minimise −2 log L from a point until the steps are negligible, or for `rounds` iterations.
+    """Minimise −2 log L over the unknowns `free` until steps are negligible, for at most `rounds` iterations.
 
     Slopes are reused for several steps as long as these achieve what they promise; the first ones are one-sided.
     """
@@ -111,7 +111,7 @@ def descend(
         if share > _WORKED:
             place = other
             history.append(place.loss)
-            _tell(report, history, moved)
+            _report_step(report, history, moved)
             is_good = _AS_PROMISED[0] < share < _AS_PROMISED[1]
             damping = 0.0 if is_good else damping / _FACTOR
             slopes = slopes.after(moved) if is_good else _fresh(problem, place, moved)
@@ -130,7 +130,7 @@ def descend(
     if other.deviance < place.deviance:
         place = other
         history.append(place.loss)
-        _tell(report, history, moved)
+        _report_step(report, history, moved)
     reason = f"converged: the last step is less than {STILL:g} standard deviations"
     return Descent(**vars(place), history=tuple(history), stop_reason=reason, slopes=slopes.values)
 
@@ -174,7 +174,7 @@ def _central(problem: Problem, place: SearchPoint) -> _Slopes:
     return _Slopes(_compared(problem, problem.derivative(place.point)), True)
 
 
-def _tell(report: Report | None, history: Sequence[float], moved: float) -> None:
+def _report_step(report: Report | None, history: Sequence[float], moved: float) -> None:
     if report is not None:
         report(len(history) - 1, history[-1], moved)
 
@@ -182,7 +182,7 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
 def leap(
     problem: Problem, place: SearchPoint, given_std: Floats | None, widths: Floats
 ) -> tuple[SearchPoint, float]:
-    """Take a step by wide differences; return (the better point, or the same; the decrease of −log L promised).
+    """Try a step by wide differences; return (the better point, else `place`; the decrease of −log L promised).
 
     The step uses slopes over differences of these `widths`.
     """
@@ -218,7 +218,7 @@ def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[
 def _step(
     problem: Problem, place: SearchPoint, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
-    """Return (allowed step, the decrease of −log L that it promises, its size in standard deviations)."""
+    """Return (step of `free` unknowns that limits allow, its promised decrease of −log L, its size in std)."""
     point = place.point
     step = np.zeros(len(point))
     if not len(free):

@@ -104,7 +104,7 @@ def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate
 
 
 def prbs(bits: int) -> NDArray[np.bool_]:
-    """Return a pseudo-random binary sequence of period 1023, from the shift register x¹⁰ + x⁷ + 1."""
+    """Return a pseudo-random binary sequence (bits,) of period 1023, from the shift register x¹⁰ + x⁷ + 1."""
     register = [True] * 10
     result = np.empty(bits, dtype=np.bool_)
     for k in range(bits):

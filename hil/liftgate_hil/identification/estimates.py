@@ -101,7 +101,7 @@ def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Unc
 
 
 def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int, str]:
-    """Return an issue with the vehicle a negligible step away from the estimates, by the parameter's index."""
+    """Return, by index, why a vehicle with slightly more or less of this parameter is refused; no entry: valid."""
     found = {}
     for k in range(len(problem.sought)):
         std = math.sqrt(max(float(covariance[k, k]), 0.0))
@@ -133,7 +133,7 @@ def _unit_of(name: str) -> str:
 def fixed_parameters(
     problem: Problem, found: Descent, given_std: Floats | None, is_free: NDArray[np.bool_]
 ) -> list[FixedParameter]:
-    """Return the fixed parameters that have an effect on the outputs, at the end of a search.
+    """Return the fixed parameters with an effect on the outputs, and how their errors would shift estimates.
 
     `is_free` (p,) says which values of the point could change: not one at its bound. Where there are many rows,
     few of them are used.
@@ -191,7 +191,7 @@ def fixed_parameters(
 
 
 def _candidates(problem: Problem) -> Iterator[FreeParameter]:
-    """Yield the parameters that are fixed and not zero; one for both drives where their values are equal."""
+    """Yield the fixed parameters that are not zero; one for both drives where their values are equal."""
     sought = [each.parameter for each in problem.sought]
     vehicle = problem.vehicle
     whole = set()

@@ -66,9 +66,9 @@ def fitted(
     began = time.perf_counter()
     if wrong := problem.refusals(problem.initial):
         raise ValueError("; ".join(wrong))
-    kept = _comparable(problem)
+    kept = _leave_out_few(problem)
     given_std = None if given_std is None else given_std[kept]
-    found = _from_few_rows(problem, report, given_std)
+    found = _best_fit(problem, report, given_std)
     _check_followed(problem, found.point, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
     scatter = f"; the inputs' timestamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
@@ -181,7 +181,7 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
     ]
 
 
-def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
+def _best_fit(problem: Problem, report: Report | None, given_std: Floats | None) -> Descent:
     """Search for the best fit; where there are many rows, start from the result of a coarse problem."""
     few = coarse_of(problem)
     if few is None:
@@ -260,7 +260,7 @@ def validated(problem: Problem) -> Validation:
 
 
 def widened(classic: Floats, robust: Floats) -> Floats:
-    """Return the robust covariance, widened to standard deviations no less than the classic ones."""
+    """Return the robust covariance, scaled where needed to standard deviations no less than the classic ones."""
     own, other = np.diag(classic), np.diag(robust)
     silent = other <= _NO_SCORE * own  # hardly any score, so nothing to scale
     scale = np.sqrt(np.maximum(own / np.where(silent, own, other), 1.0))
@@ -269,8 +269,8 @@ def widened(classic: Floats, robust: Floats) -> Floats:
     return result
 
 
-def _comparable(problem: Problem) -> list[int]:
-    """Leave out outputs with too few samples; return the indices of those kept. Raises NothingToTellError."""
+def _leave_out_few(problem: Problem) -> list[int]:
+    """Leave out outputs with too few samples; return indices of the others. Raises if all are constant."""
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)
@@ -327,7 +327,7 @@ def _states_at(problem: Problem, point: Floats) -> list[Floats]:
 def experiments_of(
     problem: Problem, point: Floats, simulated_states: Sequence[Floats], before: Floats | None = None
 ) -> list[Experiment]:
-    """Return measured and simulated outputs of each experiment at a point, and those simulated at `before`.
+    """Return measured and simulated outputs of all experiments, also simulated at the point `before` unless None.
 
     `simulated_states` are the outputs (rows, 7) of each at `point`.
     """

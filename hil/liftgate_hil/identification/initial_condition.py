@@ -59,12 +59,12 @@ class InitialCondition:
 
 
 def is_closed(angle_deg: float) -> bool:
-    """Whether an angle is that of a closed gate; an unknown angle (NaN) counts as closed."""
+    """Whether an angle [deg] is that of a closed gate; an unknown angle (NaN) counts as closed."""
     return not angle_deg >= _CLOSED_DEG
 
 
 def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]:
-    """Return (initial speed, its margin of error, largest speed) [rev/s].
+    """Return (initial speed, its margin of error, largest speed) [rev/s] of the first drive that was measured.
 
     NaN where neither speed nor position was measured. The margin is below `share` of the largest speed, where the
     data allow it.
@@ -122,7 +122,7 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
-    """Whether an experiment begins at rest; with `creeps`, undriven drives must not even creep."""
+    """Whether an experiment begins at rest; `creeps`: undriven motion above 1 % of the top speed is no rest."""
     # Whether there is a voltage within the longest window from which the initial speed is estimated.
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
     share = _STILL_SHARE if creeps and not np.any(is_driven(data)[:count]) else _REST_SHARE
@@ -176,7 +176,7 @@ def beginning_of(
 
 
 def _first(data: Data, values: Floats | None) -> float:
-    """Return the median of the first samples of a column; NaN where it has none."""
+    """Return the median of a column over 0.02 s from its first sample; NaN where it has none."""
     if values is None or not np.any(np.isfinite(values)):
         return math.nan
     times, values = data.times[np.isfinite(values)], values[np.isfinite(values)]

@@ -87,7 +87,7 @@ def step_within_limits(
 
 
 def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allowed) -> tuple[float, float]:
-    """Bisect along a way from `start`; return adjacent shares of the way, the first allowed, the second not."""
+    """Bisect along a way from `start` for the last allowed share; return it and an adjacent share not allowed."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (first + last)
         if allowed(start + middle * way):
@@ -98,7 +98,7 @@ def _limit(start: Floats, way: Floats, first: float, last: float, allowed: Allow
 
 
 def _cut(step: Floats, sizes: Floats, allowed: Allowed) -> Cut | None:
-    """Return the half-space in front of the first limit along a step; None where the limit has no slope.
+    """Return the half-space before the first limit along a step; None where the limit's slope is not found.
 
     Let t(x) be the share of the step from x to the limit. To first order t(x) = t(0) + slope · x, and what is
     allowed is t(x) ≥ 0.

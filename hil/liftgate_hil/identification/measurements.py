@@ -108,7 +108,7 @@ def _raise_if_any(issues: list[str]) -> None:
 
 
 def inputs_of(request: ModelChoice) -> dict[str, Path]:
-    """Return the input files of a request by purpose, which outputs must not overwrite."""
+    """Return all input files of a request by purpose (vehicle, rig, dbc, …), which outputs must not overwrite."""
     files: dict[str, Path] = {}
     measured = files_of(request) if isinstance(request, MeasuredRequest) else ()
     if isinstance(request, MeasuredRequest):

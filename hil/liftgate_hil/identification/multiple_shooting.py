@@ -53,7 +53,7 @@ def in_segments(problem: Problem) -> Problem | None:
 
 
 def _edges(data: Data) -> list[tuple[int, int]]:
-    """Return (first, last) row of each segment, last exclusive; of many segments an evenly spread selection."""
+    """Return (first, last) sample of each segment, last exclusive; if there are many, an even selection."""
     edges, first = [], 0
     while first < len(data.times) - 2:
         last = int(np.searchsorted(data.times, data.times[first] + _LENGTH))
@@ -66,7 +66,7 @@ def _edges(data: Data) -> list[tuple[int, int]]:
 
 
 def _zero(problem: Problem, number: int, name: str) -> float:
-    """Return a position counter's reading at the closed gate by the first samples; 0 if it is not estimated."""
+    """Return the initial value [rev] of a position counter's unknown zero; 0 if its zero is not estimated."""
     wanted = name.replace("_position_rev", "_offset")
     for unknown in problem.beginnings[number].unknowns:
         if unknown.name == wanted:
@@ -75,7 +75,7 @@ def _zero(problem: Problem, number: int, name: str) -> float:
 
 
 def _path(problem: Problem, plant: Plant, number: int, data: Data) -> tuple[Floats, Floats, Floats] | None:
-    """Return the smoothed (left position, right position, speed), (n,) each; None where none was measured."""
+    """Return smoothed (left position, right position [rev], speed [rev/s]), (n,) each; None: not measured."""
     found = {}
     for side in ("left", "right"):
         position = data.outputs.get(f"{side}_position_rev")
@@ -111,7 +111,7 @@ def _path_of_speed(
 
 
 def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
-    """Whether the NRMSE fit of the measured motion is below `worst_percent`.
+    """Whether the NRMSE fit of any measured motion is below `worst_percent`; `errors` are measured − predicted.
 
     The motion is that of the positions and the angle, or of the speeds where there are none of these.
     """

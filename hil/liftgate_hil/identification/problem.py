@@ -162,7 +162,7 @@ class Problem:
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:
-        """Return (mean, 1/std) (p,) each of the priors of a point's values; 0 where there is none."""
+        """Return (means, 1/std), (p,) each, of the priors of a point's values; both 0 where there is no prior."""
         mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
         std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
         weight = 1.0 / np.array(std)
@@ -186,7 +186,7 @@ class Problem:
         return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
 
     def on_all_cpus(self, simulate: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Call `simulate` with each item in threads on all CPUs; return the results in order.
+        """Call `simulate`, which calls `prediction`, with each item in threads; return its results in order.
 
         `simulate` calls `prediction`. Machine code that is missing is compiled beforehand, in the calling thread,
         where an interrupt (Ctrl-C) ends the compilation.
@@ -234,6 +234,7 @@ class Problem:
     def _rows(
         self, vehicle: Vehicle, plant: Plant, point: Floats, number: int, late: Floats | None = None
     ) -> Floats:
+        """Return an experiment's simulated OUTPUTS (N, 7) in all rows of its inputs, with delay and offsets."""
         values = point[len(self.sought) :]
         data, start = self.data[number], self.beginnings[number].start
         aside = {"input_delay": self.delay}
@@ -339,7 +340,7 @@ def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause:
 
 
 def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
-    """Return the mean speed (n,) over the last `window` seconds, at the beginning over as much as there is."""
+    """Return the mean speed (n,) [rev/s] over the last `window` seconds, at the beginning over what there is."""
     before = np.maximum(times - window, times[0])
     span = times - before
     way = position - np.interp(before, times, position)

@@ -58,7 +58,7 @@ class Frame(NamedTuple):
 
 
 def series_of(output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None) -> Series:
-    """Return the series of one output from columns with a row for each time, without rows that have no sample."""
+    """Compare measured and simulated samples of an output: return its Series, without rows that have no sample."""
     there = np.isfinite(measured)
     y, model = measured[there], simulated[there]
     errors = y - model

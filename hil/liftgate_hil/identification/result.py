@@ -315,7 +315,7 @@ class Identification(DescribedResult):
     @property
     def fit_percent_initial(self) -> Annotated[Mapping[str, float], _by_output("the same with the initial values",
             "fit [%]; null: not defined")]:
-        """NRMSE fit of the initial model by output [%]."""
+        """NRMSE fit of the initial model by output [%], mean over the experiments; NaN: not defined."""
         return mean_over(self.experiments, lambda each: each.fit_before)
 
 
@@ -331,7 +331,7 @@ def series_of(experiments: Sequence[Experiment], column: str) -> list[Series]:
 
 
 def mean_over(experiments: Sequence[Experiment], figure: Callable[[Series], float]) -> dict[str, float]:
-    """Return the mean of a statistic over experiments for each output; undefined values (NaN) do not count."""
+    """Return by output the mean over experiments of `figure`, a statistic of a series; NaN does not count."""
     means = {}
     for column in columns_of(experiments):
         values = [figure(each) for each in series_of(experiments, column)]
@@ -343,7 +343,7 @@ def mean_over(experiments: Sequence[Experiment], figure: Callable[[Series], floa
 def _over_all(
     experiments: Sequence[Experiment], figure: Callable[[Sequence[Series]], Figure]
 ) -> dict[str, Figure]:
-    """Return a statistic of the series of all experiments for each output."""
+    """Return by output the value of `figure`, a function of the output's series from all experiments."""
     return {each: figure(series_of(experiments, each)) for each in columns_of(experiments)}
 
 

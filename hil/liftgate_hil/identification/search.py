@@ -32,12 +32,12 @@ def search(
     fixed: Sequence[int] = (),
     rounds: int = _ROUNDS,
 ) -> Descent:
-    """Minimise the loss from `begin`, where the unknowns with the indices `fixed` are held."""
+    """Minimise the loss from `begin` (None: the initial point); unknowns with the indices `fixed` are held."""
     point = (problem.initial if begin is None else begin).copy()
-    return _from(problem, place_at(problem, point, given_std), report, given_std, fixed, rounds)
+    return _search_from(problem, place_at(problem, point, given_std), report, given_std, fixed, rounds)
 
 
-def _from(
+def _search_from(
     problem: Problem,
     place: SearchPoint,
     report: Report | None,
@@ -72,7 +72,7 @@ def past_kinks(
             break
     if place is found:
         return found
-    return better(found, _from(problem, place, report, given_std))
+    return better(found, _search_from(problem, place, report, given_std))
 
 
 def better(found: Descent, other: Descent) -> Descent:
@@ -130,7 +130,7 @@ def profile(
     given_std: Floats | None,
     widening: float = 1.0,
 ) -> LikelihoodProfile:
-    """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
+    """Return the profile likelihood of the parameter with index `number`, held while all others are estimated.
 
     Priors count as they do in the search. `widening` is the variance of the estimate over that of white residuals:
     the likelihood takes them for white, so its deviance is divided by it (Chandler and Bate, Biometrika 94, 2007,
@@ -164,7 +164,7 @@ def profile(
 
 
 def _crossing(values: Floats, deviances: Floats, side: int) -> float:
-    """Return the value at which the deviance passes the 95 % quantile of χ²(1) on one side; NaN: out of range."""
+    """Return where the deviance passes 3.841 (χ², 95 %) above (side 1) or below (−1) its minimum; NaN: nowhere."""
     limit = 3.841
     middle = int(np.argmin(deviances))
     rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)

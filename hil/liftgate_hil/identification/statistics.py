@@ -253,7 +253,7 @@ def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats
 
 
 def is_nothing(errors: Floats, measured: Floats) -> bool:
-    """Whether errors are no more than rounding in double precision, as for data without noise."""
+    """Whether errors are no more than rounding in double precision: at most 1e-9 of the measured range."""
     return bool(np.max(np.abs(errors)) <= 1e-9 * np.ptp(measured))
 
 
@@ -271,7 +271,7 @@ def is_white(errors: Floats, lags: int = LAGS) -> bool:
 
 
 def factor_between(measured: Floats, simulated: Floats, alike: float) -> float | None:
-    """Return the scale factor of a measured signal relative to a simulated one; None: not just scaled.
+    """Return the scale factor measured / simulated of two signals of the same shape; None: another shape.
 
     The signals correlate by more than `alike`, about zero and about their means, and have nearly the same factor
     in both cases: an offset is no scale.

@@ -223,7 +223,7 @@ def put_outputs(simulated: Simulated, state: State, currents: tuple[float, float
 
 @compilable
 def run(simulated: Simulated, times: Floats, rows: Floats, out: Floats, kept: Floats) -> None:
-    """Simulate some steps; fill `out` (n, 7) with OUTPUTS at `times`, the currents as the sensors show them.
+    """Simulate up to _STRETCH steps; fill `out` (n, 7) with OUTPUTS at `times`, currents as the sensors show them.
 
     The sensors have a filter, a gain and an offset. The function returns after _STRETCH steps and must be called
     again until `kept` states that all rows are done, because it cannot be interrupted while it runs.

@@ -56,7 +56,7 @@ def errors_of(measured: Floats, predicted: Floats) -> Floats:
 
 
 def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weighting:
-    """Return the weighting with Λ from the errors, or from `given` standard deviations."""
+    """Return the weighting with Λ from the errors, or from `given` standard deviations of the noise."""
     counts = np.sum(np.isfinite(measured), axis=0)
     floor = _FLOOR * np.maximum(np.nanvar(measured, axis=0), 1e-300)
     if given is not None:
@@ -85,7 +85,7 @@ def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighti
 
 
 def loss_of(measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None) -> float:
-    """Return the loss of prediction errors (rows, outputs).
+    """Return the loss of errors (rows, outputs): the determinant criterion, or weighted squares with `given_std`.
 
     It is the determinant of their covariance or, if the standard deviations of the noise are given, the sum of
     their weighted squares over the outputs, as the mean over the rows.

@@ -95,7 +95,7 @@ class Relation:
 
 
 def shown_name(column: str) -> str:
-    """Return the name of a column as it is written in conditions."""
+    """Return the name of a column as it is written in conditions: `sensed.NAME` for a sensor's."""
     if column.startswith(SENSED_PREFIX):
         return f"sensed.{column.removeprefix(SENSED_PREFIX)}"
     return column
@@ -120,7 +120,7 @@ def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
             stack.append((f"abs({text})", _ATOM, (*ops, *own)))
         elif code == codes.NEG:
             text, level, ops = stack.pop()
-            stack.append((f"-{_bound(text, level, _UNARY + 1)}", _UNARY, (*ops, *own)))
+            stack.append((f"-{_bracketed(text, level, _UNARY + 1)}", _UNARY, (*ops, *own)))
         elif code in _SIGNS:
             unit = condition.units[len(found)]
             left, right = (Side(text, ops, unit) for text, _, ops in stack)
@@ -130,17 +130,18 @@ def comparisons_of(condition: Condition) -> tuple[Relation, ...]:
 
 
 def sides_of(comparisons: Sequence[Relation]) -> list[Side]:
-    """Return the sides of comparisons that are not constant, each once."""
+    """Return the sides of comparisons that depend on a column or a signal, each once."""
     sides = [side for each in comparisons for side in (each.left, each.right)]
     return list({side.text: side for side in sides if side.constant is None}.values())
 
 
 def _joined(left: _Piece, right: _Piece, code: int) -> _Piece:
     sign, level, _ = _ARITHMETIC[code]
-    first = _bound(left[0], left[1], level)
-    second = _bound(right[0], right[1], level + 1)
+    first = _bracketed(left[0], left[1], level)
+    second = _bracketed(right[0], right[1], level + 1)
     return f"{first} {sign} {second}", level, (*left[2], *right[2], (code, 0.0))
 
 
-def _bound(text: str, level: int, least: int) -> str:
+def _bracketed(text: str, level: int, least: int) -> str:
+    """Return a text in brackets if its level of precedence is below `least`."""
     return text if level >= least else f"({text})"

@@ -64,7 +64,7 @@ class Expected:
     precondition_end: PreconditionEnd | None = None
 
     def not_completed(self, angle_deg: float) -> str:
-        """Return as text why the precondition was not completed; "": it was.
+        """Return as text why the precondition was not completed; "": it was, or the angle is NaN.
 
         `angle_deg` is the gate angle when the scenario began; NaN: unknown, taken as completed.
         """
@@ -76,7 +76,7 @@ class Expected:
         )
 
     def notes_on_begin(self, angle_deg: float) -> list[str]:
-        """Return a note if the precondition was not, or maybe not, completed; `angle_deg` as above."""
+        """Return one note if the precondition was not completed, or NaN leaves that open; else an empty list."""
         if self.precondition_end is not None and math.isnan(angle_deg):
             action = self.precondition_end.action
             return [f"precondition: {action}: no gate angle before {FIRST_S:g} s says whether it was completed"]
@@ -161,7 +161,7 @@ def expected_of(
 def codes_of(
     expectations: Sequence[Expectation], diagnostics: Diagnostics | None, issues: ConfigIssues
 ) -> tuple[str, ...]:
-    """Return the trouble codes that expectations refer to; `issues` gets why the bench cannot read any."""
+    """Return the trouble codes that expectations refer to; append to `issues` why the bench cannot read them."""
     asking = [each for each in expectations if each.kind == "dtc"]
     codes = tuple(dict.fromkeys(each.condition for each in asking))
     if not asking:
@@ -178,7 +178,7 @@ def codes_of(
 
 
 def _reported(expectation: Expectation) -> Condition:
-    """Return the condition that a trouble code is reported, or is not, as the expectation states.
+    """Return the condition of an expectation on a trouble code: that the ECU reports it, or that it does not.
 
     The code's value is 1 in a tick with a response that reports it, 0 in one with another response, none in all
     others.
@@ -191,7 +191,7 @@ def _reported(expectation: Expectation) -> Condition:
 def tables_of(
     expected: Expected, rate: float, end: float, work: Work | None = None
 ) -> tuple[Expectations, Judged]:
-    """Return the initial tables of a judge, for rows at a `rate` [Hz] up to `end` [s]; see Judge.
+    """Return a judge's tables before the first row, for rows at a `rate` [Hz] up to `end` [s]; see Judge.
 
     `work` is memory that other judges may use too, between their blocks.
     """

@@ -76,13 +76,13 @@ def _measured(condition: Condition, progress: Any) -> str:
 
 
 def _is_switch(name: str) -> bool:
-    """Whether a column's values are only 0 or 1."""
+    """Whether a column's values are only 0 or 1; False for a name that is no column."""
     column = COLUMNS.get(name)
     return column is not None and column.is_whole and (column.low, column.high) == (0.0, 1.0)
 
 
 def _sides(comparison: Relation) -> tuple[str, str, float]:
-    """Return the varying side of a comparison as text, the sign, and the number on the other side.
+    """Return (varying side of a comparison as text, sign, number on the other side).
 
     If both sides vary, their difference is compared with 0.
     """

@@ -171,7 +171,7 @@ class Judge:
         return found.text if found.seconds > self._timeliness.tolerance else ""
 
     def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
-        """Return the verdict, checked where the bench's lateness in the window may have decided it.
+        """Return the verdict, checked by simulation where the bench's lateness in the window may have decided it.
 
         The check is by `stepped_again`; the verdict's method says how. A failure, or a verdict whose trigger
         never came, reports lateness before, which may have led to it.
@@ -207,7 +207,7 @@ class Judge:
         return replace(verdict, uncertainty=force or None)
 
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
-        """Return the verdicts, made inconclusive where stimuli never came, or the bench was `late`.
+        """Return the verdicts, made inconclusive where awaited stimuli never came, or the bench was `late`.
 
         So are a pass of a scenario that did not begin where its precondition should have ended, and a failure
         because a trouble code was not reported: what it reports may be the stimulus.
@@ -244,7 +244,7 @@ class Judge:
         return begin, max(begin, end if math.isfinite(end) else self._last)
 
     def closest(self, place: int) -> float:
-        """Return the time [s] of an expectation's margin so far; NaN: there is none."""
+        """Return the time [s] of the tick with an expectation's margin so far; NaN: it has none."""
         if self.expected.expectations[place].kind == "dtc":
             return math.nan
         return float(self._progress(place).margin_at)
@@ -280,7 +280,7 @@ class Judge:
         )
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
-        """Return the verdict, inconclusive if data missing in or before its window could change it."""
+        """Return the verdict, or an inconclusive one if data missing in or before its window could change it."""
         progress = self._progress(place)
         is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
@@ -347,7 +347,7 @@ class Judge:
         return failure_of(self.expected.expectations[place], self.expected.conditions[place], progress, last)
 
     def notes(self) -> list[str]:
-        """Return notes on the run that may explain its verdicts.
+        """Return notes that may explain the verdicts: on precondition, stimuli never made, faults too brief.
 
         Notes name a precondition that was not completed, or may not have been, stimuli that were never made, and
         faults that were in force too briefly.

@@ -34,10 +34,10 @@ StepAgain = Callable[[float], SteppedAgain | None]
 def stepped_again(
     verdict: Verdict, place: int, late: float, force: float, why: str, again: StepAgain | None
 ) -> Verdict:
-    """Return the verdict of the expectation with index `place`, checked for a lateness of `late` [s].
+    """Return the verdict if simulations `again`, commands shifted by `late` [s], confirm it; else inconclusive.
 
-    `force` [N] is the effect on a margin that is a force. The verdict stays as it is if the simulation
-    confirms it with room to spare, else it is inconclusive.
+    `place` is the expectation's index, `force` [N] the effect on a margin that is a force. The verdict stays as it
+    is if the simulation confirms it with room to spare, else it is inconclusive.
     """
     found = None if again is None or late > LONGEST else again(late)
     if found is None:

@@ -68,7 +68,7 @@ def never_made(
 
 
 def _time_of(instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]) -> float:
-    """Return the time of an instant [s]; NaN: it did not occur."""
+    """Return the time of an instant [s], from when its condition `came` true; NaN: its condition never did."""
     if not instant.condition:
         return instant.time
     return came.get((instant.condition, after), math.nan) + instant.delay

@@ -94,7 +94,7 @@ def forget_codes(expectations: Expectations, judged: Judged) -> None:
 
 @compilable
 def take_codes(expectations: Expectations, judged: Judged, mark: int) -> None:
-    """Set the values of the trouble codes from a frame's mark, as in `diagnostics/answers.py`.
+    """Set the values of the trouble codes from a frame's `mark`: a bit each, or negative for a frame without any.
 
     Of two responses in a tick, either may report a code.
     """
@@ -114,7 +114,7 @@ def signals_in(
     marks: NDArray[np.int64],
     seen: int,
 ) -> int:
-    """Write the bus signals in each tick of a block; return the number of frames up to the block's end.
+    """Write bus signals and trouble codes in each tick of a block; return the number of frames up to its end.
 
     The frames after the first `seen` are new. A frame counts from the first row whose time is its own or later, in
     whole microseconds.
@@ -137,7 +137,7 @@ def signals_in(
 
 @compilable
 def opened(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
-    """Determine begin and end of the window of expectation `which`.
+    """Set the window's begin and end in the progress of expectation `which`; NaN: it does not open in these rows.
 
     With an opening condition it begins at the first row of this block in which the condition is true, and stays
     unset (NaN) if there is none. Without one it begins at the configured time, which may be after this block.
@@ -167,7 +167,7 @@ def note_margin(progress: Any, kind: int, time: float, margin: float, decider: i
 def note_stretch(
     own: Any, progress: Any, ring: Any, step: float, time: float, truth: bool, margin: float, decider: int
 ) -> None:
-    """Process one tick for an expectation with a hold time (`eventually … for`).
+    """Process one tick with a value, for an expectation with a hold time (`eventually … for`).
 
     The smallest margin within the hold time that ends here comes from a queue of those that can still be the
     smallest.
@@ -195,16 +195,16 @@ def note_stretch(
 
 @compilable
 def is_covered(progress: Any, begin: float, step: float) -> bool:
-    """Whether a hold time that ends in this tick began within the window and after the last tick without value.
+    """Whether a hold time that began at `begin` [s] began in the window and has a value in each tick since.
 
-    `begin` [s] is the hold time's begin; the accuracy is that of ticks of a `step` [s].
+    The accuracy is that of ticks of a `step` [s].
     """
     return bool(begin > progress.since - step + SLACK)
 
 
 @compilable
 def has_held(progress: Any, begin: float, step: float) -> bool:
-    """Whether a condition has been true without interruption from a time [s] to the current tick."""
+    """Whether a condition has been true without interruption from a time [s] in the window to the current tick."""
     if np.isnan(progress.since) or not is_covered(progress, begin, step):
         return False
     return bool(np.isnan(progress.false_at) or progress.false_at < begin - SLACK)
@@ -214,7 +214,7 @@ def has_held(progress: Any, begin: float, step: float) -> bool:
 def note_late(
     own: Any, progress: Any, step: float, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
-    """Note when the condition first becomes true after the window, in the ticks `first` to before `last`.
+    """Set `late_at` to when the condition first holds after the window, in the ticks `first` to before `last`.
 
     These ticks are all after the window.
     """
@@ -253,7 +253,7 @@ def note_ticks(own: Any, progress: Any, work: Work, rows: NDArray[np.float64], f
 
 @compilable
 def judge_one(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
-    """Judge a block of rows for one expectation."""
+    """Update the progress of expectation `which` with a block of rows, whose bus signals are in `judged`."""
     own, progress = expectations.rows[which], judged.progress[which]
     if np.isnan(progress.begin):
         opened(expectations, judged, which, rows)

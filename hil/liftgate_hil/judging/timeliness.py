@@ -59,7 +59,7 @@ class _Second:
 
 
 class Timeliness:
-    """Evaluator of the bench's lateness in rows `step` [s] apart; up to `tolerance` [s] a bus may cause."""
+    """Evaluator of the bench's lateness in rows `step` [s] apart; a frame's wait up to `tolerance` [s] is none."""
 
     def __init__(self, tolerance: float, step: float) -> None:
         self.tolerance, self._step = tolerance, round(step, 9)  # from a recording it is an estimate
@@ -74,13 +74,13 @@ class Timeliness:
         """Process rows (n, ROW_WIDTH); rows without lateness columns (NaN) are ignored."""
         self._waiting.append(rows[:, _PLACES])
         if sum(map(len, self._waiting)) >= _ROWS:
-            self._look()
+            self._evaluate()
 
     def worst(self, begin: float, end: float) -> Lateness:
-        """Return the longest lateness between two times [s]."""
-        self._look()
+        """Return the longest lateness between two times [s]; its text is "" within the tolerance."""
+        self._evaluate()
         hit = [each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK]
-        delay = max((each.delay for each in self._within(begin, end)), default=0.0)
+        delay = max((each.delay for each in self._seconds_within(begin, end)), default=0.0)
         if not hit:
             return Lateness(delay, "")
         longest = max(hit, key=lambda each: each.seconds)
@@ -91,16 +91,16 @@ class Timeliness:
 
         This is the gate's speed at the obstacle times the obstacle's stiffness.
         """
-        self._look()
-        return max((each.force_rate for each in self._within(begin, end)), default=0.0)
+        self._evaluate()
+        return max((each.force_rate for each in self._seconds_within(begin, end)), default=0.0)
 
     def pinches(self, begin: float, end: float) -> bool:
         """Whether there was a pinch force at any time between two times [s]."""
-        self._look()
+        self._evaluate()
         return any(first <= end + SLACK and last >= begin - SLACK for first, last in self._contacts)
 
-    def _note_contacts(self, times: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Note begin and end of pinch forces; contacts that follow each other at once are merged."""
+    def _add_contacts(self, times: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+        """Add begin and end [s] of pinch forces to the contacts; those that adjoin are merged."""
         touches = np.concatenate([[False], forces > 0.0, [False]])
         edges = np.flatnonzero(np.diff(touches.astype(np.int8)))
         for first, after in edges.reshape(-1, 2).tolist():
@@ -109,14 +109,14 @@ class Timeliness:
                 begin = self._contacts.pop()[0]
             self._contacts.append((begin, end))
 
-    def _within(self, begin: float, end: float) -> list[_Second]:
+    def _seconds_within(self, begin: float, end: float) -> list[_Second]:
         return [
             second
             for number, second in self._seconds.items()
             if number + 1.0 > begin - SLACK and number <= end + SLACK
         ]
 
-    def _look(self) -> None:
+    def _evaluate(self) -> None:
         """Evaluate the rows collected so far."""
         waiting, self._waiting = self._waiting, []
         own = np.concatenate([np.empty((0, len(_PLACES))), *waiting])
@@ -125,14 +125,14 @@ class Timeliness:
             return
         steps = np.diff(np.concatenate([self._last[np.newaxis], own]), axis=0)
         self._last = own[-1].copy()
-        self._note_contacts(own[:, 0], own[:, 4])
-        self._note_missed(own[:, 0], np.maximum(steps[:, 1], 0.0))
+        self._add_contacts(own[:, 0], own[:, 4])
+        self._add_missed(own[:, 0], np.maximum(steps[:, 1], 0.0))
         for row in np.flatnonzero(steps[:, 2] > 0).tolist():
-            self._note(float(own[row, 0]), float(own[row, 0]), math.inf)
+            self._add_late(float(own[row, 0]), float(own[row, 0]), math.inf)
         late = own[:, 3] > self.tolerance
         for row in np.flatnonzero(late).tolist():
             time, seconds = float(own[row, 0]), float(own[row, 3])
-            self._note(max(0.0, time - seconds), time, seconds)
+            self._add_late(max(0.0, time - seconds), time, seconds)
         spans = np.maximum(np.round(1e6 * steps[:, 0]), 1.0)  # µs, as recordings have them
         rates = 1e6 * np.abs(steps[:, 4]) / spans
         whole = np.floor(own[:, 0]).astype(np.int64)
@@ -144,12 +144,12 @@ class Timeliness:
             second.delay = max(second.delay, float(delay[place]))
             second.force_rate = max(second.force_rate, float(rate[place]))
 
-    def _note_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
-        """Note missed ticks; consecutive ones form one time span."""
+    def _add_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
+        """Add missed ticks to the time spans of lateness; consecutive ones form one span."""
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
-            gap = self._gap_before() if goes_on else None
+            gap = self._last_missed() if goes_on else None
             if gap is None:
                 gap = _Late(time, time, 0.0, 0)
                 self._late.append(gap)
@@ -157,11 +157,11 @@ class Timeliness:
             gap.seconds, gap.end = gap.missed * self._step, time + self._step
         self._is_missing = bool(missed[-1] > 0)
 
-    def _gap_before(self) -> _Late | None:
+    def _last_missed(self) -> _Late | None:
         return next((each for each in reversed(self._late) if each.missed), None)
 
-    def _note(self, begin: float, end: float, seconds: float) -> None:
-        """Note a time span of lateness, merged with overlapping ones."""
+    def _add_late(self, begin: float, end: float, seconds: float) -> None:
+        """Add a time span in which something waited for `seconds`; overlapping spans are merged."""
         last = self._late[-1] if self._late else None
         is_more = last is not None and not last.missed and begin <= last.end + self._step
         if last is not None and is_more and math.isinf(seconds) == math.isinf(last.seconds):

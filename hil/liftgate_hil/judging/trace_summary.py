@@ -132,7 +132,7 @@ class TraceSummarizer:
         self._waits = 0
 
     def take(self, rows: Floats, frames: Any) -> None:
-        """Summarize rows and frames; small blocks of rows wait until there are enough."""
+        """Summarize rows (n, ROW_WIDTH) and frames; small blocks of rows are collected until they are enough."""
         if self._bus is None:
             frames = no_logged()
         if not self._waiting and len(rows) >= BLOCK:
@@ -218,7 +218,7 @@ class _Part:
         return cls(condition, opening, sides[:MOST_CURVES], max(len(sides) - MOST_CURVES, 0), [])
 
     def take(self, window: tuple[float, float] | None, closest: float, times: Floats, values: Floats) -> None:
-        """Add the ticks in and around the window once it is open, and those around the margin.
+        """Add ticks around the `window` once it is open (None: not yet), and those around the time `closest` [s].
 
         Ticks that were added before are skipped. When the margin moves to another tick, its envelope starts again.
         """
@@ -260,7 +260,7 @@ class _Bus:
         self._frames = no_logged()
 
     def signals(self, rows: Floats, frames: Any) -> Mapping[str, Floats]:
-        """Return the decoded signals (n,) by name."""
+        """Return the bus signals (n,) in each of the rows, by name; later frames wait for the next call."""
         frames = np.concatenate([self._frames, frames]).view(np.recarray)
         found = np.empty((len(rows), len(self._names)))
         for first in range(0, len(rows), BLOCK):

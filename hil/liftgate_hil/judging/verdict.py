@@ -75,7 +75,7 @@ def worst(verdicts: Iterable[str]) -> str:
 
 
 def line_of(verdict: Verdict) -> str:
-    """Return an expectation's verdict as one line, with what was expected or the reason, which states it.
+    """Return an expectation's verdict as one line of text, with margin and times, and its reason or condition.
 
     The reason of a failure also states the times. Of several comparisons the deciding one is named.
     """

@@ -75,7 +75,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Context with the matplotlib settings in which all figures are drawn and saved."""
+    """Context with the matplotlib settings in which all figures are drawn and saved, restored at its end."""
     import matplotlib
 
     with matplotlib.rc_context(), warnings.catch_warnings():
@@ -113,7 +113,7 @@ def thin(times: Floats, values: Floats, limit: int = LIMIT) -> tuple[Floats, Flo
 
 
 def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object) -> None:
-    """Draw a decimated line; values too large to draw leave a gap."""
+    """Draw a line with at most LIMIT points, see `thin`; values from 1e30 on, or not finite, leave a gap."""
     shown = np.where(np.abs(values) < 1e30, values, np.nan)
     axis.plot(*thin(times, shown), color=colour, **looks)  # type: ignore[arg-type]
 
@@ -138,7 +138,7 @@ def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
-    """Return the axis range around the same centre, widened where tick labels could not resolve it."""
+    """Return (low, high) of an axis about the same centre, widened where tick labels could not resolve it."""
     middle, least = 0.5 * (low + high), _LEAST_SPAN * max(abs(low), abs(high))
     half = max(0.5 * (high - low), 0.5 * least)
     return middle - half, middle + half

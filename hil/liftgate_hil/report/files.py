@@ -42,7 +42,7 @@ _BEGINS = {".html": b"<!doctype", ".xml": b"<?xml", ".json": b"{"}  # how report
 
 
 def holds_form(path: Path, suffix: str) -> bool:
-    """Whether a report's content has the format of a suffix; True for formats without a known beginning."""
+    """Whether a report's content begins as its suffix (.html, .xml, .json) requires; True for other suffixes."""
     with path.open("rb") as stream:
         return stream.read(_HEAD).lstrip().lower().startswith(_BEGINS.get(suffix, b""))
 
@@ -63,7 +63,7 @@ _KINDS = {
 
 
 def is_of_another_kind(path: Path, kind: str) -> bool:
-    """Whether a file exists that a report of kind `kind` must not replace.
+    """Whether a file exists that a report of a kind (html, junit, json, result, save_vehicle) must not replace.
 
     That is a report of ours of another form, or what is not ours and has another suffix.
     """
@@ -75,7 +75,7 @@ def is_of_another_kind(path: Path, kind: str) -> bool:
 
 
 def check_targets(targets: Mapping[str, str | Path | None], sources: Iterable[str | Path]) -> None:
-    """Raise ConfigError with all issues of the output files given by arguments, each by its argument's name.
+    """Raise ConfigError with all issues of the output files given by arguments, by the arguments' names.
 
     No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
     beside them is removed.
@@ -127,7 +127,7 @@ def check_target(path: str, name: str) -> None:
 
 
 def put_report(path: Path, content: bytes, say: Say = silent) -> None:
-    """Write a report; an earlier one of this program is replaced, another file is set aside, with a message.
+    """Write a report over an earlier one of this program; another file is renamed, and `say` called with a text.
 
     Raises OSError, ConfigError.
     """
@@ -139,7 +139,7 @@ def put_report(path: Path, content: bytes, say: Say = silent) -> None:
 
 
 def make_way(path: Path, say: Say = silent) -> None:
-    """Set aside a file at a report's path that this program has not written. Raises ConfigError."""
+    """Rename a file at a report's path unless it is a report of this program. Raises ConfigError."""
     if path.is_file() and not is_ours(path) and (aside := set_aside(path)) is not None:
         say(f"{path}: the file that was there is now {aside}")
 

@@ -20,7 +20,7 @@ _UNITS = {
 
 
 def clean(text: str, longest: int = 1000) -> str:
-    """Return a text without control characters, and shortened in the middle if it is long."""
+    """Return a text with � for control characters, shortened in the middle to `longest` characters."""
     shown = "".join(each if each.isprintable() else "\ufffd" for each in text)
     if len(shown) <= longest:
         return shown
@@ -59,7 +59,7 @@ def significant(value: float, digits: int = 4) -> str:
 
 
 def known_digits(value: float, std: float) -> str:
-    """Return a value to the second digit of its standard deviation: 2.128 for 2.12797 ± 0.0218."""
+    """Return a value as text to the second digit of its standard deviation: 2.128 for 2.12797 ± 0.0218."""
     if not math.isfinite(value) or value == 0.0 or not math.isfinite(std):
         return significant(value, 3)
     if std <= 0.0:
@@ -80,7 +80,7 @@ def deviation(std: float) -> str:
 
 
 def percent(share: float, sign: str = "") -> str:
-    """Return a share as text in %, without the % sign; `sign` "+" always shows its sign."""
+    """Return a number of percent as text, without the % sign; `sign` "+" always shows its sign."""
     if not math.isfinite(share):
         return NONE
     if abs(share) >= 1e5:

@@ -89,12 +89,12 @@ def bullets(texts: Sequence[str]) -> str:
 
 
 def alert(texts: Sequence[str]) -> str:
-    """Return a highlighted list in HTML, for texts that must not be overlooked."""
+    """Return a highlighted HTML list, for texts that must not be overlooked; empty where there are none."""
     return f'<div class="alert" role="note">\n{bullets(texts)}\n</div>' if texts else ""
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[str]) -> str:
-    """Return an HTML table of texts or Markup; `classes` has the CSS class of each column."""
+    """Return an HTML table of texts or Markup; `classes` has each column's CSS class; empty without rows."""
     if not rows:
         return ""
 
@@ -113,7 +113,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
 
 
 def pairs(rows: Sequence[tuple[str, str]]) -> str:
-    """Return an HTML table of names and values, texts or Markup, without a header."""
+    """Return an HTML table of (name, value), texts or Markup, without a header; empty without rows."""
     if not rows:
         return ""
     body = "\n".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows)

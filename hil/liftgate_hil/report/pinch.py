@@ -99,11 +99,11 @@ class PinchEvent(NamedTuple):
 
     # fmt: on
     def over(self, limit: TimedForceLimit) -> bool:
-        """Whether the pinch force exceeded a limit for longer than the limit allows."""
+        """Whether the pinch force exceeded a limit of LIMITS for longer without interruption than it allows."""
         return self.longest_s[LIMITS.index(limit)] > limit.longest
 
     def fault(self, limit: TimedForceLimit) -> str:
-        """Return the message for a pinch force that exceeds a limit."""
+        """Return the message that the pinch force exceeds a limit, if `over` says so."""
         if not limit.longest:
             return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"
         return (

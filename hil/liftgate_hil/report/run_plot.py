@@ -58,7 +58,7 @@ class RunPicture:
 
 
 def hall_speed(times: Floats, counts: Floats) -> Floats:
-    """Return the Hall counts per second over a short window, as an ECU would measure them."""
+    """Return the Hall counts per second (n,), each over the last 0.05 s, as an ECU would measure them."""
     rows = max(1, round(_WINDOW / float(np.median(np.diff(times)))))
     speed = np.zeros(len(counts))
     speed[rows:] = (counts[rows:] - counts[:-rows]) / (times[rows:] - times[:-rows])
@@ -66,7 +66,7 @@ def hall_speed(times: Floats, counts: Floats) -> Floats:
 
 
 def plot_run(path: Path, picture: RunPicture, say: Say = silent) -> None:
-    """Draw a run into a PNG file; see `put_report`. Raises OSError, ConfigError."""
+    """Draw a run into a PNG file, over an earlier one of this program. Raises OSError, ConfigError."""
     put_report(path, png(run_figure(picture), _DPI), say)
 
 
@@ -185,7 +185,7 @@ def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> No
 
 
 def draw_reversal(axis: Axes, event: PinchEvent) -> None:
-    """Draw the time and the angle at which the gate reversed."""
+    """Mark time and angle at which the gate reversed, with the reversal in words, or that it did not reverse."""
     if not np.isfinite(event.turn_s):
         text, place = "did not reverse", (event.start_s, event.start_deg)
     else:
@@ -201,7 +201,7 @@ def draw_reversal(axis: Axes, event: PinchEvent) -> None:
 
 
 def draw_angle(axis: Axes, picture: RunPicture) -> None:
-    """Draw the gate's angle, and the obstacles."""
+    """Draw the gate's angle, and each obstacle at its angle while it can be touched."""
     times = picture.columns["time_s"]
     line(axis, times, picture.columns["gate_angle_deg"], FINAL, label="gate")
     for each in picture.obstacles:
@@ -247,7 +247,7 @@ def _mark_command_reversal(axis: Axes, picture: RunPicture) -> None:
 
 
 def draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
-    """Draw a quantity of each drive, with its own colour and line style."""
+    """Draw the column of each drive with this `ending`, with the drive's own colour and line style."""
     axis.set_ylabel(label)
     for side, (colour, dashes, width) in DRIVES.items():
         if side + ending in picture.columns:

@@ -42,7 +42,7 @@ class LinearScale(NamedTuple):
 
 
 def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[float, float]:
-    """Return an axis range that has all signals, and the limits as far as the signals stay readable.
+    """Return (low, high) of an axis for all signal `values`, and for limits if signals stay readable with them.
 
     A constant signal stays readable with any limit.
     """
@@ -189,15 +189,15 @@ def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]
     low, high = range_of(np.concatenate(values), [each.value for each in panel.levels])
     y = LinearScale(low, high, top + _HEIGHT, top)
     parts = [
-        f'<path class="grid" d="M{_n(x.at(tick))} {_n(top)}V{_n(y.start)}"/>'
+        f'<path class="grid" d="M{_px(x.at(tick))} {_px(top)}V{_px(y.start)}"/>'
         for tick, _ in ticks(x.low, x.high, 9)
     ]
     named = [(value, clean(f"{value:g} {name}", 11)) for value, name in panel.names.items() if y.inside(value)]
     for tick, label in named[:12] if panel.names else ticks(y.low, y.high, 5):
         place = y.at(tick)
-        parts.append(f'<path class="grid" d="M{_n(x.start)} {_n(place)}H{_n(x.end)}"/>')
+        parts.append(f'<path class="grid" d="M{_px(x.start)} {_px(place)}H{_px(x.end)}"/>')
         parts.append(_words(x.start - 5, place + 3.5, label, "end"))
-    parts.append(f'<path class="frame" d="M{_n(x.start)} {_n(top)}V{_n(y.start)}H{_n(x.end)}"/>')
+    parts.append(f'<path class="frame" d="M{_px(x.start)} {_px(top)}V{_px(y.start)}H{_px(x.end)}"/>')
     for place, line in enumerate(panel.lines):
         parts += _curve(line, times, x, y, f"k{place % _COLOURS}")
     parts += [each for level in panel.levels for each in _level(level, x, y)]
@@ -212,7 +212,7 @@ def _panel(panel: Panel, times: Floats, x: LinearScale, top: float) -> list[str]
             for place, line in enumerate(panel.lines)
         )
         label += unit
-    parts.append(f'<text x="{_n(x.start)}" y="{_n(top - 6)}">{label}</text>')
+    parts.append(f'<text x="{_px(x.start)}" y="{_px(top - 6)}">{label}</text>')
     return parts
 
 
@@ -247,7 +247,7 @@ def _points(times: Floats, values: Floats, x: LinearScale, y: LinearScale) -> li
     shown = np.clip(values[needed], y.low - (y.high - y.low), y.high + (y.high - y.low))
     across = x.start + (times[needed] - x.low) / (x.high - x.low) * (x.end - x.start)
     up = y.start + (shown - y.low) / (y.high - y.low) * (y.end - y.start)
-    return [f"{_n(a)} {_n(b)}" for a, b in zip(across.tolist(), up.tolist(), strict=True)]
+    return [f"{_px(a)} {_px(b)}" for a, b in zip(across.tolist(), up.tolist(), strict=True)]
 
 
 def _level(level: ConstantLine, x: LinearScale, y: LinearScale) -> list[str]:
@@ -260,7 +260,7 @@ def _level(level: ConstantLine, x: LinearScale, y: LinearScale) -> list[str]:
         return [_words(place, edge, f"{'↑' if is_above else '↓'} {level.label}", anchor, kind)]
     up = y.at(level.value)
     over = up - 4 if up - y.end > 14 else up + 12
-    line = f'<path class="{kind}" d="M{_n(x.start)} {_n(up)}H{_n(x.end)}"/>'
+    line = f'<path class="{kind}" d="M{_px(x.start)} {_px(up)}H{_px(x.end)}"/>'
     return [line, _words(place, over, level.label, anchor, kind)]
 
 
@@ -271,17 +271,17 @@ def _margin(margin: Margin, x: LinearScale, y: LinearScale) -> list[str]:
     across, first, last = x.at(margin.time), y.at(ends[0]), y.at(ends[1])
     is_left = across > x.start + 0.6 * (x.end - x.start)
     middle = (first + last) / 2 + 3.5
-    found = [f'<circle class="dot" cx="{_n(across)}" cy="{_n(last)}" r="3"/>']
+    found = [f'<circle class="dot" cx="{_px(across)}" cy="{_px(last)}" r="3"/>']
     if abs(first - last) > 1.0:
-        found.append(f'<path class="margin" d="M{_n(across)} {_n(first)}V{_n(last)}"/>')
-        found.append(f'<path class="margin" d="M{_n(across - 4)} {_n(first)}h8"/>')
+        found.append(f'<path class="margin" d="M{_px(across)} {_px(first)}V{_px(last)}"/>')
+        found.append(f'<path class="margin" d="M{_px(across - 4)} {_px(first)}h8"/>')
     if abs(first - last) < _APART:  # the label would lie on the limit's line: beyond the value it has room
         is_below = last > first if abs(first - last) > 1.0 else last - y.end < 30
         has_room = last + 16 < y.start if is_below else last - 14 > y.end
         middle = last + 16 if is_below == has_room else last - 7
     if margin.stretch is not None:
         begin, end = (x.at(min(max(each, x.low), x.high)) for each in margin.stretch)
-        found.append(f'<path class="margin" d="M{_n(begin)} {_n(first - 4)}v8v-4H{_n(end)}v-4v8"/>')
+        found.append(f'<path class="margin" d="M{_px(begin)} {_px(first - 4)}v8v-4H{_px(end)}v-4v8"/>')
     side, anchor = (across - 8, "end") if is_left else (across + 8, "start")
     return [*found, _words(side, middle, margin.label, anchor)]
 
@@ -293,16 +293,16 @@ def _window(picture: Picture, x: LinearScale, top: float, bottom: float) -> list
     begin, end = picture.window
     first, last = (x.at(min(max(each, x.low), x.high)) for each in picture.window)
     found = [
-        f'<rect class="window" x="{_n(first)}" y="{_n(top)}" width="{_n(max(last - first, 1.0))}" '
-        f'height="{_n(bottom - top)}"/>'
+        f'<rect class="window" x="{_px(first)}" y="{_px(top)}" width="{_px(max(last - first, 1.0))}" '
+        f'height="{_px(bottom - top)}"/>'
     ]
     opens, ends = f"{picture.opened} {_seconds(begin)}", f"window ends {_seconds(end)}"
     if x.inside(begin):
-        found.append(f'<path class="edge" d="M{_n(first)} {_n(top)}V{_n(bottom)}"/>')
+        found.append(f'<path class="edge" d="M{_px(first)} {_px(top)}V{_px(bottom)}"/>')
     elif begin < x.low - _TICK:
         opens = f"← {opens}"
     if x.inside(end):
-        found.append(f'<path class="edge" d="M{_n(last)} {_n(top)}V{_n(bottom)}"/>')
+        found.append(f'<path class="edge" d="M{_px(last)} {_px(top)}V{_px(bottom)}"/>')
     elif end > x.high + _TICK:
         ends = f"{ends} →"
     anchors = ["start", "end"]
@@ -324,7 +324,7 @@ def _decided(picture: Picture, x: LinearScale, top: float, bottom: float) -> lis
     half = 0.5 * _LETTER * len(words)
     place = min(max(across, x.start + half), x.end - half)
     return [
-        f'<path class="decided" d="M{_n(across)} {_n(top)}V{_n(bottom)}"/>',
+        f'<path class="decided" d="M{_px(across)} {_px(top)}V{_px(bottom)}"/>',
         _words(place, 28, words, "middle"),
     ]
 
@@ -335,9 +335,9 @@ def _seconds(time: float) -> str:
 
 def _words(across: float, down: float, label: str, anchor: str, kind: str = "") -> str:
     name = f' class="{kind}"' if kind else ""
-    return f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">{text(clean(label, 120))}</text>'
+    return f'<text{name} x="{_px(across)}" y="{_px(down)}" text-anchor="{anchor}">{text(clean(label, 120))}</text>'
 
 
-def _n(value: float) -> str:
-    """Return a coordinate as text, rounded to a tenth of a pixel."""
+def _px(value: float) -> str:
+    """Return a coordinate [px] as text, rounded to a tenth of a pixel."""
     return f"{value:.1f}".removesuffix(".0")

@@ -14,7 +14,7 @@ _MOVED_DEG = 1.0  # a gate that moves by less only settles
 
 
 def failures(shown: Result, event: PinchEvent | None, is_ours: bool) -> list[str]:
-    """Return in words each requirement of the demo that a whole run of it does not meet.
+    """Return in words each requirement of the demo that a complete run of it does not meet.
 
     An ECU that `is_ours` must also report its reversal as an event. In real time it is late only where its machine
     is, which the scenario's tolerance covers; another one must be in time.
@@ -63,7 +63,7 @@ def busy_with(shown: Result, is_ours: bool) -> str:
 
 
 def _standstill(shown: Result) -> list[str]:
-    """Return in a list why the gate never moved, as far as the commands show it; empty: it moved."""
+    """Return one reason why the gate never moved, as far as the commands show it; else an empty list."""
     accepted, angles = shown.summary.received.accepted, shown.trace["gate_angle_deg"]
     if angles.max() - angles.min() >= _MOVED_DEG:
         return []

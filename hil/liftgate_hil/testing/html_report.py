@@ -61,7 +61,7 @@ class SuiteReport:
         self._left = {True: MOST_PASSED, False: MOST_OTHERS}
 
     def take(self, outcome: Outcome) -> Outcome:
-        """Draw and keep an outcome's pictures, within a size limit; return it without its trace summaries."""
+        """Draw an outcome's pictures and keep them up to a size limit; return it without its trace summaries."""
         result = outcome.result
         if result is None:
             return outcome
@@ -97,7 +97,7 @@ class SuiteReport:
                 *([] if mutation is None else [mutants_section(mutation)]),
                 summary if mutation is None else section("The ECU without a defect", summary),
                 section("Not passed", _not_passed(outcomes)),
-                section("Requirements", _matrix(outcomes)),
+                section("Requirements", _requirements(outcomes)),
                 limits_section(outcomes),
                 section(
                     f"{subject_of(outcomes).capitalize()}s",
@@ -160,7 +160,7 @@ def _ecu_name(outcome: Outcome) -> str:
 
 
 def _each(values: Iterable[str], most: int = 5) -> str:
-    """Return the different values as a text, at most `most` of them."""
+    """Return the different values joined by commas, at most `most` of them, and how many more there are."""
     found = list(dict.fromkeys(values))
     more = f" and {len(found) - most} more: see the scenarios" if len(found) > most else ""
     return ", ".join(found[:most]) + more
@@ -195,19 +195,19 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
             margin_text(verdict),
             _link(place, names[place]),
         )
-        for place, number, _, verdict in _all(outcomes)
+        for place, number, _, verdict in _numbered(outcomes)
         if verdict.verdict != PASS
     ]
     heads = ("verdict", "expectation", "reason", "margin", subject_of(outcomes))
     return table(heads, rows, ("n", "name", "soft", "n", "name"))
 
 
-def _matrix(outcomes: Sequence[Outcome]) -> str:
+def _requirements(outcomes: Sequence[Outcome]) -> str:
     """Return the HTML table of requirement, scenario, expectation, verdict; rows without requirement last."""
     names = _short_names(outcomes)
     found: dict[str, list[tuple[int, int, Verdict]]] = {}
     without = []
-    for place, number, outcome, verdict in _all(outcomes):
+    for place, number, outcome, verdict in _numbered(outcomes):
         requirements = outcome.case.plan.setup.scenario.requirement
         for each in requirements:
             found.setdefault(each, []).append((place, number, verdict))
@@ -233,7 +233,7 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
 
 
 def _folder(outcomes: Sequence[Outcome]) -> Path:
-    """Return the common folder of all scenario files."""
+    """Return the common folder of the scenario files, or of the recordings, of all outcomes."""
     folders = [Path(each.case.file).parent.parts for each in outcomes]
     shared = [names[0] for names in zip(*folders, strict=False) if len(set(names)) == 1]
     differs = [len(set(names)) > 1 for names in zip(*folders, strict=False)]
@@ -241,12 +241,12 @@ def _folder(outcomes: Sequence[Outcome]) -> Path:
 
 
 def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the paths of the scenario files relative to their common folder."""
+    """Return each outcome's path of scenario or recording, relative to the common folder."""
     folder = _folder(outcomes)
     return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
 
 
-def _all(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Verdict]]:
+def _numbered(outcomes: Sequence[Outcome]) -> Iterable[tuple[int, int, Outcome, Verdict]]:
     for place, outcome in enumerate(outcomes):
         for number, verdict in enumerate(outcome.expectations):
             yield place, number, outcome, verdict

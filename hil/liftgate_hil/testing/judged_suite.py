@@ -23,7 +23,7 @@ _CLOCK = "recorded"
 
 
 def runs_of(files: Sequence[Path], is_one: bool = False) -> list[tuple[Path, ...]]:
-    """Group recording files by run, tables first: files with the same stem, or all files (`is_one`).
+    """Group recording files by run: those with the same path but for the suffix, or all (`is_one`); tables first.
 
     Raises ConfigError where a file is given twice.
     """
@@ -51,7 +51,7 @@ class RecordedCase(Case):
 def recorded_cases_of(
     runs: Sequence[tuple[Path, ...]], about: RecordingExpectations, is_reported: bool = True
 ) -> list[RecordedCase]:
-    """Return a case for each run; `is_reported`: the case includes the hashes of its files. Raises ConfigError."""
+    """Return a case for each run; `is_reported`: with hashes of its files, for reports. Raises ConfigError."""
     found = []
     for paths in runs:
         own, differences = as_recorded(paths, about)
@@ -72,7 +72,7 @@ def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_report
 def judge_suite(
     cases: Sequence[RecordedCase], is_summarized: bool, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[Outcome]:
-    """Judge the recorded runs, and yield the outcome of each.
+    """Judge the recorded runs one by one, until `stopped` returns True, and yield the outcome of each.
 
     After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
     issues of the only one.

@@ -41,14 +41,14 @@ def as_junit(outcomes: Sequence[Outcome], mutation: MutationResult | None = None
     if mutation is not None and mutation.reason:
         case = ("mutation threshold", mutation.verdict, mutation.reason)
         _add_suite(root, "mutants", "mutants", [case], output=mutation.reason)
-    return _written(root)
+    return _xml_of(root)
 
 
 def issues_as_junit(issues: Sequence[str]) -> bytes:
     """Return JUnit XML of a suite that did not start: an error for each issue of its files and flags."""
     root = ElementTree.Element("testsuites")
     _add_suite(root, "files and flags", "liftgate-hil", [(each, ERROR, each) for each in issues])
-    return _written(root)
+    return _xml_of(root)
 
 
 def class_names(files: Sequence[Path]) -> list[str]:
@@ -124,7 +124,7 @@ def properties_of(outcome: Outcome) -> list[tuple[str, str]]:
     return entries + [(f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()]
 
 
-def _written(root: ElementTree.Element) -> bytes:
+def _xml_of(root: ElementTree.Element) -> bytes:
     ElementTree.indent(root)
     content = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{JUNIT}\n{content}\n'.encode()

@@ -66,7 +66,7 @@ class Matrix:
     commands: dict[tuple[str, str], str] = field(default_factory=dict)  # digest, by mutant and file
 
     def add(self, mutant: str, outcome: Outcome) -> None:
-        """Add the outcome of a scenario with a mutant."""
+        """Add verdicts and digests of a scenario's outcome with a mutant, or with the sound ECU (SOUND)."""
         result = outcome.result
         here = mutant, outcome.case.file
         self.courses[here] = outcome.verdict if result is None else result.ecu_digest
@@ -80,7 +80,7 @@ class Matrix:
         return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
 
     def kills(self, mutant: str) -> list[tuple[str, str]]:
-        """Return the expectations that a mutant fails, as pairs of file and name."""
+        """Return the expectations that pass with the sound ECU and fail with a mutant, as (file, name)."""
         return [
             (case.file, name)
             for case in self.cases
@@ -108,12 +108,12 @@ class Matrix:
         return bool(self.reached_in(mutant))
 
     def reached_in(self, mutant: str) -> list[str]:
-        """Return the scenarios in which a mutant's defect changes the ECU's state or command."""
-        return self._other(self.courses, mutant)
+        """Return the files of scenarios in which a mutant's defect changes the ECU's state or command."""
+        return self._files_that_differ(self.courses, mutant)
 
     def propagated_in(self, mutant: str) -> list[str]:
-        """Return the scenarios in which a mutant's defect changes a command, and so gate and motors."""
-        return self._other(self.commands, mutant)
+        """Return the files of scenarios in which a mutant's defect changes a command, and so gate and motors."""
+        return self._files_that_differ(self.commands, mutant)
 
     def where(self, mutant: str, most: int | None = None) -> str:
         """Return in words the scenarios in which a surviving mutant's defect shows; "": in none.
@@ -125,7 +125,7 @@ class Matrix:
         more = f" and {len(files) - most} more" if most is not None and len(files) > most else ""
         return f"{', '.join(files[:most])}{more}{'' if outside else ', ' + INSIDE}" if files else ""
 
-    def _other(self, of: Mapping[tuple[str, str], object], mutant: str) -> list[str]:
+    def _files_that_differ(self, of: Mapping[tuple[str, str], object], mutant: str) -> list[str]:
         files = [case.file for case in self.cases]
         return [file for file in files if of.get((mutant, file)) != of.get((SOUND, file))]
 
@@ -276,7 +276,7 @@ def mutate(
     stopped: Callable[[], bool] = lambda: False,
     tell: Callable[[int, int], None] = lambda done, count: None,
 ) -> Matrix:
-    """Run scenarios with every mutant, and with no ECU; `sound` are their outcomes with the sound ECU.
+    """Run the scenarios of `sound`, outcomes with the sound ECU, with every mutant and no ECU; return the Matrix.
 
     `tell` is called with how many of how many runs are done.
     """
@@ -306,6 +306,6 @@ def _unasked(case: Case) -> Case:
 
 
 def _varied(case: Case, job: Job, setup: Setup | None = None) -> Case:
-    """Return a copy of a case with another job, or another setup."""
+    """Return a copy of a case with another job and, unless None, with another setup."""
     assert isinstance(case.plan, Plan)
     return replace(case, plan=case.plan.varied(job, setup))

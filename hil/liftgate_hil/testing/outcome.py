@@ -211,7 +211,7 @@ def counts_of(outcomes: Sequence[Outcome]) -> VerdictCounts:
 
 
 def not_run(case: Case, reason: str) -> Outcome:
-    """Return the outcome of a case that was not run, for the given reason."""
+    """Return the outcome of a case that was not run: an error of each expectation, for the given reason."""
     expectations = case.plan.setup.scenario.expectations
     verdicts = tuple(Verdict(each.name, ERROR, reason=reason) for each in expectations)
     return Outcome(case, ERROR, reason, verdicts, None, 0.0)
@@ -223,5 +223,5 @@ def verdict_of(outcomes: Sequence[Outcome]) -> str:
 
 
 def subject_of(outcomes: Sequence[Outcome]) -> str:
-    """Return the word for the judged items: "recording" or "scenario"."""
+    """Return "recording" if outcomes are of recorded runs, else "scenario": the word for them in reports."""
     return "recording" if any(each.case.recordings for each in outcomes) else "scenario"

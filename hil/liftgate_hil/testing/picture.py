@@ -43,13 +43,13 @@ def expectation_svgs(
 
 
 def left_out(trace_summary: TraceSummary, names: Names) -> int:
-    """Return the number of curves that the picture has no room for."""
+    """Return the number of an expectation's curves for which its picture has no room."""
     rest = _panels(trace_summary, trace_summary.view, names)[MOST_PANELS:]
     return trace_summary.left_out + sum(len(panel.lines) for panel in rest)
 
 
 def _moves(panel: Panel) -> bool:
-    """Whether any signal of a panel changes."""
+    """Whether any signal of a panel changes over time."""
     return any(bool(np.nanmin(line.low) < np.nanmax(line.high)) for line in panel.lines)
 
 
@@ -58,7 +58,7 @@ def _span(view: EnvelopeView) -> float:
 
 
 def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:
-    """Return the instant [s] that decided a verdict, and its label; None: there is none."""
+    """Return (instant [s] that decided a verdict, its label in the picture); None: there is none."""
     if verdict.time_s is None or not math.isfinite(verdict.time_s):
         return None
     if expectation.kind == "dtc":
@@ -83,7 +83,7 @@ def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> li
             continue
         panel = _panel_with(panels, sides[0], names)
         for side in sides:
-            _draw(panel, curves[side.text])
+            _add_line(panel, curves[side.text])
             drawn.add(side.text)
         limit = comparison.limit
         if limit is not None:
@@ -94,7 +94,7 @@ def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> li
     for curve in view.curves:
         if curve.side.text not in drawn:
             unit = curve.side.unit
-            _draw(parts.setdefault(unit, Panel(curve.side.text, unit)), curve)
+            _add_line(parts.setdefault(unit, Panel(curve.side.text, unit)), curve)
     found = [*panels.values(), *parts.values()]
     # Time over time shows nothing; it is left out where there is another panel.
     return [each for each in found if each.title != "time_s"] or found
@@ -108,7 +108,7 @@ def _panel_with(panels: dict[str, Panel], side: Side, names: Names) -> Panel:
     return panels[side.text]
 
 
-def _draw(panel: Panel, curve: Curve) -> None:
+def _add_line(panel: Panel, curve: Curve) -> None:
     if all(line.label != curve.side.text for line in panel.lines):
         panel.lines.append(SignalLine(curve.side.text, curve.low, curve.high))
 
@@ -160,7 +160,7 @@ def _margin_on(
 
 
 def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float) -> slice:
-    """Return the bins of a margin at a time [s]: all bins of the hold time, as the smallest margin is in one."""
+    """Return the slice of the bins with a margin at a time [s]: all of the hold time, as it is in one of them."""
     first, last = (
         int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
         for time in (time_s - expectation.hold, time_s)
@@ -169,7 +169,7 @@ def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float)
 
 
 def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
-    """Return the distance from a value to the nearest bin, and the index of that bin."""
+    """Return (distance from a value to the nearest of the `bins`, its index); infinite: no bin has a value."""
     low, high = line.low[bins], line.high[bins]
     away = np.maximum(np.maximum(low - value, value - high), 0.0)
     if not np.isfinite(away).any():

@@ -230,7 +230,7 @@ class Liftgate:
         self._results: list[Result] = []
 
     def gate(self, **arguments: Any) -> Gate:
-        """Return a `liftgate_hil.Gate`, which is closed at the end of the test."""
+        """Return a `liftgate_hil.Gate`, closed at the test's end; vehicle and rig default to pytest's options."""
         from liftgate_hil.drive.gate import Gate
 
         made = Gate(**self._with_options(arguments, "vehicle", "rig"))
@@ -242,7 +242,7 @@ class Liftgate:
         return {name: value for name, value in options.items() if value is not None} | arguments
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
-        """Call `liftgate_hil.run`; ECU, bus, vehicle and rig default to pytest's options."""
+        """Call and return `liftgate_hil.run`; ECU, bus, vehicle and rig default to pytest's options."""
         from liftgate_hil.drive.run import run
 
         arguments = self._with_options(arguments, "ecu", "bus", "vehicle", "rig")
@@ -284,7 +284,7 @@ class Liftgate:
 
 
 def _end_before_our_frames(error: BaseException) -> None:
-    """End the traceback of a LiftgateError with the test's line, without the frames of this package.
+    """Cut the traceback of a LiftgateError after the test's line, before the frames of this package.
 
     What it was raised from is shown only where the test's or the ECU's own code was part of that.
     """
@@ -330,7 +330,7 @@ def liftgate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
-    """Note that a test has failed, and report its recordings; report a missing verdict in words."""
+    """Record on the item that its test has failed; report its recordings, and a missing verdict in words."""
     has_fixture = "liftgate" in getattr(item, "fixturenames", ())
     sections: list[tuple[str, str]] = []
     if call.excinfo is not None and has_fixture:

@@ -91,7 +91,7 @@ Places = Mapping[str, tuple[RunFile | None, str]]  # by our columns: the file (N
 
 
 def _places(files: Sequence[RunFile], asked: Asked, issues: list[str]) -> Places:
-    """Return the file and name of each requested column: as the map says, else a table's column of our name."""
+    """Return file and name of each requested column, by the map, else a table's column of our name; add issues."""
     found: dict[str, tuple[RunFile | None, str]] = {}
     has_frames = any(each.has_frames for each in files)
     for ours, theirs in asked.mapping.items():
@@ -164,7 +164,7 @@ def _frames(files: Iterable[RunFile]) -> Any:
 def _tracks(
     files: Sequence[RunFile], places: Places, frames: Any, asked: Asked, notes: list[str], issues: list[str]
 ) -> dict[str, ColumnSamples]:
-    """Return the samples of all columns found."""
+    """Return the samples of all columns found, by column; append to `notes` and `issues`."""
     tracks: dict[str, ColumnSamples] = {}
     logs = [each.path for each in files if each.has_frames]
     for ours, (file, name) in places.items():
@@ -219,7 +219,7 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
 
 
 def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap]:
-    """Yield a gap of the signals for each log that was cut off: it ends long before the rows do."""
+    """Yield a gap of all signals up to `end` [s], where the bus logs end long before it: they were cut off."""
     ends = [
         each.log.span[1] - 1e-6 * each.zero_us
         for each in files
@@ -231,7 +231,7 @@ def _cut_off(files: Sequence[RunFile], asked: Asked, end: float) -> Iterable[Gap
 
 
 def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap]:
-    """Yield gaps of signals, each extended to the next frame of their message: frames may be missing before it."""
+    """Yield for each gap and signal a gap up to the next frame with it: frames may be missing up to there."""
     for gap in gaps:
         for name in asked.signals:
             own = frames["identifier"] & ~FD_FLAGS == asked.rig.identifier(name.partition(".")[0])
@@ -241,7 +241,7 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
 
 
 def _silences(files: Sequence[RunFile], asked: Asked) -> Iterable[Gap]:
-    """Yield the gaps of all signals: where a single bus log has no frame for much longer than any cycle."""
+    """Yield gaps of all signals: where one bus log holds no frame for much longer than any cycle."""
     if asked.may_be_silent or any(each.is_ours for each in files):
         return
     cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]
@@ -272,7 +272,7 @@ def _by_rows(
 
 
 def _thinned(table: RunFile, first: float, usual: float) -> str:
-    """Return the original rate, in words, of a table from which rows were removed later; "": none were.
+    """Return in words the original rate of a table from which rows were removed evenly; "": none were.
 
     Its provenance states the rate. Without it, the first row shows it: it is a whole number of ticks after time 0.
     """
@@ -288,7 +288,7 @@ _OFF_RASTER = 0.01  # of a tick
 
 
 def _holes(times: Floats, tracks: Mapping[str, ColumnSamples]) -> Iterable[Gap]:
-    """Yield gaps where rows of this emulator lack a column's value: it writes all values, so one was removed."""
+    """Yield gaps in which a column has no value in rows of this emulator, which writes all: it was removed."""
     for name in sorted({*tracks} - {*Bench._fields}):
         missing = np.flatnonzero(np.isnan(tracks[name].values))
         for stretch in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):

@@ -41,7 +41,7 @@ class ColumnSamples(NamedTuple):
         return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
 
     def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
-        """Yield gaps: samples further apart than `longest` [s] (None: than usual), or an end before `end_us`."""
+        """Yield gaps: samples over `longest` [s] apart (None: than usual), or the last so far before `end_us`."""
         if not len(self.times_us):
             return
         steps = np.diff(np.append(self.times_us, end_us))
@@ -66,7 +66,7 @@ class RecordedRun:
     notes: list[str] = field(default_factory=list)  # observations for the user
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
-        """Yield rows (n, ROW_WIDTH), NaN for unknown values, with the frames up to the last row."""
+        """Yield pairs of rows (n, ROW_WIDTH), NaN for unknown values, and the frames up to the last of them."""
         rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0

@@ -57,7 +57,7 @@ def judge(request: JudgeRequest) -> dict[str, Verdict]:
 
 
 def paths_of(request: JudgeRequest) -> list[Path]:
-    """Return the paths of the recordings."""
+    """Return the paths of the recordings of a request."""
     return list(map(Path, listed(request.recordings)))
 
 
@@ -253,7 +253,7 @@ def _steps_again(paths: Sequence[Path], about: RecordingExpectations, judge: Jud
 
 
 def _not_made(about: RecordingExpectations, run: RecordedRun, watch: ResetWatch | None, end: float | None) -> str:
-    """Return why the run up to its `end` [s] did not apply all resets and stimuli, or may not have; "": it did."""
+    """Return why some of the run's resets and stimuli were not applied, or may not have been; "": all were."""
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
     is_asked = about.asked.may_be_silent or any(each.action == "reset" for each in about.setup.scenario.requests)
     is_ours = not run.lacks("ticks_missed")

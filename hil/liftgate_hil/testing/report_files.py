@@ -23,7 +23,7 @@ _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.ht
 def targets_of(choice: ReportsChoice, words: Callable[[str], str] = str, say: Say = silent) -> Targets:
     """Return the files of each kind of report, "json", "junit" and "html"; "-" is stdout. Raises ConfigError.
 
-    The folder of `results` is created. `words` puts the arguments that an issue names as its reader knows them.
+    The folder of `results` is created. `words` replaces names of arguments in issues.
     """
     found: Targets = {"json": [], "junit": [], "html": []}
     named = {"json": choice.json, "junit": choice.junit, "html": choice.html}
@@ -55,7 +55,7 @@ def targets_of(choice: ReportsChoice, words: Callable[[str], str] = str, say: Sa
 
 
 def _issue_with(kind: str, given: str) -> str:
-    """Return why a report of a kind cannot be written to a file ("-": stdout); "": it can."""
+    """Return why a report of a kind cannot be written to a file, or to stdout ("-"); "": it can be."""
     if given == "-":
         if kind == "html":
             return "`html` -: allowed: a file"
@@ -74,7 +74,7 @@ def _issue_with(kind: str, given: str) -> str:
 
 
 def refuse_inputs(targets: Targets, inputs: Iterable[str | Path]) -> None:
-    """Remove input files from the report targets, and raise ConfigError that names them, if there are any."""
+    """Remove input files from the report targets; raise ConfigError with their names if there were any."""
     known, issues = [Path(each) for each in inputs], []
     for kind, paths in targets.items():
         for given in [each for each in paths if each != "-" and is_one_of(Path(each), known)]:
@@ -88,9 +88,9 @@ def refuse_inputs(targets: Targets, inputs: Iterable[str | Path]) -> None:
 def reporting_issues(targets: Targets, words: Callable[[str], str] = str, say: Say = silent) -> Iterator[None]:
     """Context that writes a ConfigError into the JUnit files: else earlier, green ones would pass for its result.
 
-    `words` puts the arguments that they name as their reader knows them. Earlier files of the other kinds are
-    removed; what is no file, such as /dev/null, stays. What is not ours in
-    the place of a JUnit file is set aside.
+    `words` replaces names of arguments in issues, e.g. by command-line options. Earlier files of the other kinds
+    are removed; what is no file, such as /dev/null, stays. Another program's file in the place of a JUnit file is
+    renamed.
     """
     try:
         yield
@@ -102,7 +102,7 @@ def reporting_issues(targets: Targets, words: Callable[[str], str] = str, say: S
 
 
 def remove_earlier(targets: Targets) -> None:
-    """Remove this program's earlier reports at the targets: a killed run would leave them as its own.
+    """Remove this program's earlier reports at the targets: a killed run would seem to have written them.
 
     What killed processes have left beside them is removed, too.
     """
@@ -114,7 +114,7 @@ def remove_earlier(targets: Targets) -> None:
 
 
 def clear_the_way(targets: Targets, say: Say) -> None:
-    """Remove this program's earlier reports, and set aside other files at the targets, reported to `say`.
+    """Remove this program's earlier reports at the targets; rename other files there, reported to `say`.
 
     Raises ConfigError.
     """
@@ -133,7 +133,7 @@ def write_all(
     put: Callable[[str], None] = print,
     say: Say = silent,
 ) -> None:
-    """Write the reports by kind, each into all files of its kind, or for "-" by `put`.
+    """Write the bytes that each kind's function in `contents` returns to all targets of it, to "-" by `put`.
 
     Raises ConfigError with all files that could not be written, after the others have been.
     """

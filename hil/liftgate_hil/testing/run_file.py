@@ -95,7 +95,7 @@ class RunFile:
         self.samples["time_s"] = times, times, ""
 
     def _is_sound(self, times: Floats, issues: list[str]) -> bool:
-        """Whether the rows' times are valid; if so, they become the file's span."""
+        """Whether the rows' times are valid and become the file's span; else the reason is added to `issues`."""
         text = "no rows; allowed: one or more"
         if len(times):
             text = _far_issue(times, "row") or time_issue(times, "row")
@@ -138,7 +138,7 @@ class RunFile:
 
 
 def opened(path: Path, how: ReadOptions) -> RunFile:
-    """Open a recording of this emulator or another tool; its frames are read later. Raises ConfigError."""
+    """Open a recording of this emulator or of another tool, without reading its frames. Raises ConfigError."""
     check_file(path)
     if path.suffix.lower() in BUS_LOGS:
         return RunFile(path, has_frames=True)
@@ -151,7 +151,7 @@ def opened(path: Path, how: ReadOptions) -> RunFile:
 
 
 def _any_of(file: Recording) -> Mapping[str, FileColumn]:
-    """Return the first readable column, for a file of which no column is requested: its length is needed."""
+    """Return the first readable column of a file, for its length if no column is requested; {}: none is."""
     for name in file.names:
         if name != FRAME and (series := file.read([name], [])):
             return series
@@ -231,7 +231,7 @@ def _check_hours(files: Sequence[RunFile]) -> None:
 
 
 def notes_on_begin(file: RunFile) -> Iterable[str]:
-    """Yield notes on the time 0 of a run in a file of another tool."""
+    """Yield a note if a file of another tool begins before time 0 of the run, or has it at another timestamp."""
     if file.is_ours or file.span is None:
         return
     first, zero = file.span[0], 1e-6 * file.zero_us

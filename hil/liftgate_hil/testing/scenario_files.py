@@ -54,7 +54,7 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
 
 
 def unreadable_files(paths: Sequence[str]) -> list[str]:
-    """Return why TOML files in these folders cannot be read as scenarios, each reason with its path."""
+    """Return why TOML files in folders cannot be read and are left out, each reason with its file's path."""
     found: list[str] = []
     for folder in filter(Path.is_dir, map(Path, paths)):
         for path in sorted(folder.rglob("*.toml")):
@@ -71,10 +71,10 @@ def _is_test(path: Path) -> bool:
 
 
 def may_be_scenario(path: Path, is_test: bool = False) -> bool:
-    """Whether a TOML file is a scenario, or cannot be read but contains [[expect]].
+    """Whether a TOML file is a scenario, or looks like one with an error that must be reported.
 
-    The error of the latter shall be reported, or a scenario would be missing without notice. So shall be that
-    of a file that misspells it, or is named as a test (`is_test`) and expects nothing.
+    The latter contains [[expect]] and cannot be read, misspells [[expect]], or is named as a test (`is_test`) and
+    expects nothing: it would be missing without notice.
     """
     try:
         content = read_toml(path)
@@ -93,7 +93,7 @@ def may_be_scenario(path: Path, is_test: bool = False) -> bool:
 
 
 def _is_like_expect(key: str) -> bool:
-    """Whether a key is `expect` or `expectation`, or one of them misspelt."""
+    """Whether a key is spelt like `expect` or `expectation`, exactly or nearly."""
     return bool(difflib.get_close_matches(key.lower()[:12], ("expect", "expectation"), 1, 0.75))
 
 

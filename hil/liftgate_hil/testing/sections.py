@@ -33,7 +33,7 @@ def badge(verdict: str) -> Markup:
 
 
 def value_names(rig: Rig) -> Names:
-    """Return the function that gives the value labels of a column or a bus signal."""
+    """Return the function from the name of a column or bus signal to its labels, by value; {}: it has none."""
 
     def found(name: str) -> Mapping[float, str]:
         if name in COLUMNS:
@@ -49,7 +49,7 @@ def value_names(rig: Rig) -> Names:
 
 
 def figures_of(drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSummary, left_out: int) -> str:
-    """Return the HTML of an expectation's pictures, around window and margin, with their captions."""
+    """Return the HTML of an expectation's pictures, around window and margin, with captions; "": no pictures."""
     found = []
     for drawing, view in zip(drawings, (trace_summary.view, trace_summary.near), strict=False):
         notes = []

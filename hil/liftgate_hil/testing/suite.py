@@ -25,7 +25,7 @@ from liftgate_hil.testing.outcome import Case, Outcome, not_run
 
 
 def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
-    """Return the cases of scenario files, each run as the template says.
+    """Return the cases of scenario files, each run as the template says. Raises ConfigError with all issues.
 
     Of several files each gets those of the template's parameters that it has. Raises ConfigError with all issues,
     among them a parameter that no file has.
@@ -76,7 +76,7 @@ def _parameters_of(
 
 
 def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome:
-    """Run a case and judge it; foreign code runs in a process of its own."""
+    """Run a case until its end or until `stopped`, and judge it; foreign code runs in a process of its own."""
     began = time.monotonic()
     plan, job = case.plan, case.job
     assert isinstance(plan, Plan)
@@ -117,7 +117,7 @@ def run_until_decided(case: Case, retries: int, stopped: Callable[[], bool] = la
 
 
 def attempt_stem(stem: str, number: int) -> str:
-    """Return the name, without suffix, of the recordings of an attempt that is repeated."""
+    """Return the file name, without suffix, for the recordings of an attempt (from 1) that is repeated."""
     return f"{stem}-attempt-{number}"
 
 
@@ -149,7 +149,7 @@ def run_suite(
     began: Callable[[Case], None] = lambda case: None,
     retries: int = 0,
 ) -> Iterator[Outcome]:
-    """Run the cases, and yield each outcome when its case ends.
+    """Run the cases, `jobs` at a time on the free clock, and yield each outcome when its case ends.
 
     On the free clock, `jobs` of them run at a time, as the loop holds no interpreter lock. After a stop, cases
     that have not begun are errors. `began` is called with each case that begins, from several threads. An

@@ -223,7 +223,7 @@ def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Ca
 
 
 def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
-    """Return cases with recordings of their own in a folder, for each attempt. Raises ConfigError."""
+    """Return cases that record into files of their own in a folder, free for each attempt. Raises ConfigError."""
     kept: list[Case] = []
     names: set[str] = set()
     issues: list[str] = []
@@ -251,7 +251,7 @@ def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequen
 
 
 def without_recordings(outcome: Outcome) -> Outcome:
-    """Return the outcome; if it passes, delete its recordings, and name none."""
+    """Return an outcome; if it is a pass, delete the recordings of all its attempts, and name none in it."""
     if outcome.verdict != PASS:
         return outcome
     return replace(_deleted(outcome), attempts=tuple(map(_deleted, outcome.attempts)))

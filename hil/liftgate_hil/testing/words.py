@@ -18,7 +18,7 @@ _MOST_POINTS = 8  # points of a profile that are written out
 
 
 def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end: float = math.inf) -> list[str]:
-    """Return a scenario's stimuli and faults, a sentence each.
+    """Return a scenario's precondition, requests, stimuli and faults as sentences, with times when they began.
 
     `times` is when the conditions came true with which they begin [s], None: it is unknown; `end` is how far the
     run went [s].
@@ -27,7 +27,7 @@ def happenings(scenario: Scenario, times: Mapping[str, float] | None = None, end
     return [
         *([f"before time 0: {', '.join(before)}, each when the motion before has ended"] if before else []),
         *(
-            f"{_when(each.when)}{_came(each.when, times, end)}: {_asked(each.action)}"
+            f"{_when(each.when)}{_came(each.when, times, end)}: {_request(each.action)}"
             for each in scenario.requests
         ),
         *(_profile(name, each) for name, each in scenario.stimuli.profiles.items()),
@@ -53,7 +53,7 @@ def _when(instant: Instant) -> str:
 
 
 def _came(begin: Instant, times: Mapping[str, float] | None, end: float) -> str:
-    """Return in words when the condition of a begin came true; "" if it has none, or that is unknown."""
+    """Return in words when the condition of a start came true; "": it has none, or `times` is None (unknown)."""
     if times is None or not begin.condition:
         return ""
     time = times.get(begin.condition)
@@ -75,7 +75,7 @@ def _from(instant: Instant) -> str:
     return f"{instant.time:g} s"
 
 
-def _asked(action: str) -> str:
+def _request(action: str) -> str:
     return "the ECU is reset" if action == "reset" else f"{action} is requested"
 
 

@@ -77,13 +77,13 @@ def dependences(result: Identification) -> list[Dependence]:
 
 
 def firsts(found: Sequence[Dependence]) -> list[tuple[Dependence, bool]]:
-    """Return pairs of a dependence and whether it is the first one of its estimate."""
+    """Return each dependence, and whether it is the first one of its estimate; those of one estimate adjoin."""
     earlier = [None, *(each.estimate for each in found)]
     return [(each, each.estimate is not before) for each, before in zip(found, earlier, strict=False)]
 
 
 def amplified(result: Identification) -> list[str]:
-    """Return a warning on each estimate that shifts by more than an unseen error of a fixed parameter."""
+    """Return a warning on each estimate that an unseen error of a fixed parameter changes by a larger share."""
     found, listed = [], dependences(result)
     for each in result.parameters:
         own = [
@@ -103,7 +103,7 @@ def amplified(result: Identification) -> list[str]:
 
 
 def suspects(result: Identification) -> list[str]:
-    """Return a note on the fixed parameters whose errors would explain residuals that are not white."""
+    """Return a note on fixed parameters whose errors would explain residuals that are not white; else none."""
     series = [each for one in result.experiments for each in one.series]
     if all(each.is_white or each.excuse for each in series):
         return []
@@ -128,7 +128,7 @@ def suspects(result: Identification) -> list[str]:
 
 
 def with_warnings(result: Warned, worded: Callable[[str], str] = str) -> Warned:
-    """Return a result with its warnings added, each passed through `worded`."""
+    """Return a result with its warnings added, each as `worded` returns it."""
     found = warnings_of(result) if isinstance(result, Identification) else validation_warnings(result)
     return replace(result, warnings=tuple(map(worded, found)))
 
@@ -158,7 +158,7 @@ def warnings_of(result: Identification) -> list[str]:
 
 
 def _one_sided(result: Identification) -> list[str]:
-    """Return a warning for each side of a profile on which it does not reach the 95 % limit."""
+    """Return a warning for each side on which a profile likelihood does not reach the 95 % limit."""
     return [
         f"{clean(each.name)}: its profile likelihood has no 95 % limit {side} the estimate: it ends at "
         f"{significant(last, 4)}, {why or 'after 3 standard deviations'}"
@@ -266,7 +266,7 @@ def _offset(series: Series) -> str:
 
 
 def notes_of(result: Identification) -> list[str]:
-    """Return a note on data in which the residuals are no more than rounding."""
+    """Return one note if the residuals are no more than rounding, as in simulated data; else an empty list."""
     series = [each for experiment in result.experiments for each in experiment.series]
     is_exact = all(each.maximum <= _ROUNDING * float(np.ptp(each.measured)) for each in series)
     text = "the data have no noise, as those of a simulation: standard deviations and criteria are rounding errors"

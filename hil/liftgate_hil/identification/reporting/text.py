@@ -170,11 +170,11 @@ def _dependences(result: Identification) -> list[str]:
 
 
 def _profiles(result: Identification) -> list[str]:
-    rows = [(clean(each.name, 30), f"{_bound(each.low)} … {_bound(each.high)}") for each in result.profiles]
+    rows = [(clean(each.name, 30), f"{_limit(each.low)} … {_limit(each.high)}") for each in result.profiles]
     return table(("", ""), rows, "ll")[1:] if rows else []
 
 
-def _bound(value: float) -> str:
+def _limit(value: float) -> str:
     text = significant(value, 4)
     return "no limit" if text == "—" else text
 
