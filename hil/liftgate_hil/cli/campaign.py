@@ -65,7 +65,7 @@ def run(call: Call) -> int:
 
 @contextlib.contextmanager
 def _ended_in_order(stop: StopSignals) -> Iterator[None]:
-    """Context in which a failure after a stop signal gets the exit code of that signal."""
+    """Context in which a LiftgateError, ConfigError excepted, after a stop signal gets that signal's exit code."""
     from liftgate_hil.campaigns.store import KEPT, StoreError
 
     try:
@@ -87,7 +87,7 @@ def line_of(state: State) -> str:
 
 
 def _found(outcome: CampaignOutcome) -> Iterator[str]:
-    """Yield the results of a search for the worst case, or for a failure probability, as lines."""
+    """Yield the results of a comparison of ECUs, a worst-case search or a failure probability, as lines."""
     from liftgate_hil.campaigns.folder import WORST_FILE, replay_line
     from liftgate_hil.campaigns.prepared import units_of
 
@@ -118,7 +118,7 @@ def _found(outcome: CampaignOutcome) -> Iterator[str]:
 
 
 def _summarise(outcome: CampaignOutcome, is_quiet: bool) -> None:
-    """Print how many variants have which verdict, and where the results are."""
+    """Print, unless quiet, how many variants have which verdict, and where the results are."""
     if is_quiet:
         return
     progress, known = outcome.progress, dict(outcome.counts)

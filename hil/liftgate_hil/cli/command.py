@@ -40,7 +40,7 @@ def as_flags(text: str) -> str:
 
 
 def of_kind(kind: Kind) -> Callable[[str], Any]:
-    """Return an argparse type that parses values of a kind."""
+    """Return an argparse type: a function that converts a text to a value of a kind, or refuses the text."""
 
     def convert(text: str) -> Any:
         value: Any = text
@@ -132,7 +132,7 @@ class Call:
         return record(**{name: self.values[name] for name in names})
 
     def deliver(self, result: Made, text: Callable[[Made], str], issues: Sequence[str] = ()) -> None:
-        """Print a result as text, as JSON or not at all; raise ConfigError with the issues of unwritten files."""
+        """Print a result as `text(result)`, as JSON or not at all. Raises ConfigError with `issues`, if any."""
         if self.is_json:
             print(result.to_json(), flush=True)
         elif not self.is_quiet:

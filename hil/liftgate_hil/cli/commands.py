@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Subcommand(NamedTuple):
-    """Subcommand of the program, whose flags and call are the module of its name: one sentence, and its examples.
+    """Summary and examples of a subcommand, which the module of the same name in this folder implements.
 
     There are three examples at least; the first is the usual one.
     """

@@ -47,6 +47,7 @@ def run(call: Call) -> int:
 
 
 def _lines(found: Comparison, names: tuple[object, object]) -> list[str]:
+    """Return the comparison of two recordings with these names as lines of text."""
     unlike = [each for each in found.columns if each.at is not None]
     rows = [("column", "first difference", "largest difference", "rms", "tolerance")] if unlike else []
     rows += [_cells(each) for each in unlike]

@@ -73,18 +73,18 @@ always = "time_s >= 0"
 
 
 class _Compiling(Listener):
-    """Listener that passes on compilations, each with its number of `total`, and no progress of runs."""
+    """Listener that forwards messages and numbered compilations (of `total`), but no progress of runs."""
 
     def __init__(self, teller: Listener, total: int) -> None:
         self._teller, self._total, self._ready = teller, total, 0
         self.say = teller.say  # type: ignore[method-assign]
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Show the progress of a compilation, with its number."""
+        """Forward the progress of a compilation, with its number in the name."""
         self._teller.compiles(f"{name} ({self._ready + 1} of {self._total})", seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Count a compilation that has ended."""
+        """Count a compilation that has ended, and forward its end."""
         self._ready += 1
         self._teller.compiled(name, seconds)
 

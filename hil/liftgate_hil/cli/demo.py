@@ -212,7 +212,7 @@ class _Demo:
         return self._setup().scenario.duration if given is None else given
 
     def _every(self) -> int:
-        """Return the decimation of rows for the picture; 1 (all rows) for the usual demo."""
+        """Return of how many rows one is kept for the picture; 1 (all rows) for the usual demo."""
         duration = self._whole()
         if duration is None:
             return _USUAL_EVERY
@@ -241,7 +241,7 @@ class _Demo:
             raise ConfigError(f"`output` {self._folder}: demo.png: {error.strerror}") from error
 
     def _tell(self, shown: Result, event: PinchEvent | None) -> None:
-        """Print the ECU's events and the contact with the obstacle."""
+        """Print the ECU's events, unless in real time, the contact with the obstacle, and the picture's path."""
         import numpy as np
 
         columns = shown.trace

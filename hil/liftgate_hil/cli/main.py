@@ -75,7 +75,7 @@ class ShowVersion(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code: 0 done, 1 failed, 2 wrong usage or configuration."""
+    """Run a command line (None: this process's); return the exit code: 0 done, 1 failed, 2 wrong usage."""
     streams.prepare()
     try:
         if argv is None:  # the program owns this process

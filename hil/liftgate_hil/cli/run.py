@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
-    """Add the flags of a run (in real time by default), of its page, and of the output."""
+    """Add the flags of a run (by default in real time, with this `ecu`), of its page, and of the output."""
     names = [each.name for each in fields_of(RunRequest) if each.name != "trace"]
     add_flags(parser, RunRequest, *names, ecu=ecu, clock="realtime")
     add_printed(parser, json="print the summary as JSON")
@@ -129,7 +129,7 @@ class ShownRun(NamedTuple):
         return code
 
     def report(self, result: Result) -> None:
-        """Print the summary of a run."""
+        """Print the summary of a run, as text, as JSON or not at all, as the flags ask."""
         if self.call.is_json:
             from liftgate_hil.report.run_report import RunReport
 

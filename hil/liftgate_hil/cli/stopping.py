@@ -39,7 +39,7 @@ class StoppedError(LiftgateError):
 
 
 class StopSignals:
-    """Flag that is set by Ctrl-C and SIGTERM.
+    """Flag that is set by Ctrl-C and SIGTERM, whose handlers it installs; called, it returns whether it is set.
 
     Further signals within a second count as the same one, since impatient users send them twice, as do a terminal
     and a service manager together; later ones end the process at once. A call of an ECU's Python code that takes
@@ -82,6 +82,7 @@ class StopSignals:
         return StoppedError(text, self.exit_code) if self.received else LiftgateError(text)
 
     def _set(self, number: int, frame: FrameType | None) -> None:
+        """Handle a stop signal: the first sets the flag, one more than a second later ends the process."""
         now = time.monotonic()
         if self.received:
             if now - self._since > _PATIENCE_S:
@@ -91,11 +92,11 @@ class StopSignals:
             return
         self.received, self._since, self._call = number, now, FOREIGN.call()
         signal.signal(signal.SIGALRM, self._look)
-        atexit.register(_ended)
+        atexit.register(_ignore_further_signals)
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S, _LOOK_S)
 
     def _look(self, number: int, frame: FrameType | None) -> None:
-        """Abort a call of the ECU's code that has not returned since the last check."""
+        """Abort a call of the ECU's Python code that has not returned since the last check."""
         call = FOREIGN.call()
         if call and call == self._call:
             raise NoAnswerError
@@ -104,7 +105,7 @@ class StopSignals:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-def _ended() -> None:
+def _ignore_further_signals() -> None:
     """Ignore further signals while Python exits: without its handlers they would change the exit code."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -112,7 +113,7 @@ def _ended() -> None:
 
 
 def _end_after(heard: int) -> None:
-    """End the process some time after a stop signal has been read from a pipe."""
+    """End the process 1.5 s after the number of a stop signal was read from the pipe `heard`."""
     number = 0
     while number not in (signal.SIGINT, signal.SIGTERM):
         number = os.read(heard, 1)[0]

@@ -29,7 +29,7 @@ class Following:
         self._elsewhere: set[tuple[int, int]] = set()  # processes on other buses, and when their sockets were made
 
     def look(self) -> Client | None:
-        """Return a client of the next run; None: none has begun yet."""
+        """Return a client attached to the next run on the bus; None: none has begun yet."""
         for pid, made_ns in endpoint.sockets().items():
             if pid == self._ended or (pid, made_ns) in self._elsewhere:
                 continue
@@ -65,7 +65,7 @@ class ActiveSource:
         self._looks = ThreadPoolExecutor(1)  # not that of commands: a run that stands still keeps these waiting
 
     async def follow(self) -> None:
-        """Read the run's new data regularly, send it to all viewers, and go on with the next run at its end."""
+        """Until cancelled, send the run's new data to all viewers; at its end go on with the next run."""
         if isinstance(self.source, RecordingSource):
             return
         count, line, number = 0, 0, self.number
@@ -95,7 +95,7 @@ class ActiveSource:
             await asyncio.sleep(due - time.monotonic())
 
     async def look(self, live: Live) -> JsonObject:
-        """Read the run's new data; return the lowest and highest value of each column in it (`low`, `high`)."""
+        """Read the run's new data; return the extremes `low` and `high` of each column in it; {}: no new rows."""
         running = asyncio.get_running_loop()
         return await running.run_in_executor(self._looks, live.update, time.monotonic())
 
@@ -108,14 +108,14 @@ class ActiveSource:
             self.show(client)
 
     def show(self, client: Client) -> None:
-        """Show another run, through its client."""
+        """Show another run from now on, through its client, and disconnect from the run shown before."""
         before, self.source, self._following = self.source, Live(client), None
         self.number += 1
         if isinstance(before, Live):
             self._looks.submit(before.close)
 
     async def farewell(self) -> None:
-        """Send viewers the last state, with how the run has ended, where server and run end together."""
+        """Send viewers the last state, which says how the run has ended, and wait until they have received it."""
         source = self.source
         if not isinstance(source, Live) or not self.viewers:
             return
@@ -124,7 +124,7 @@ class ActiveSource:
         await self.viewers.have_taken()
 
     def numbered(self, state: PageState) -> PageState:
-        """Return a state with the number of its source, by which a viewer notices another run."""
+        """Add the source's number, by which viewers notice another run, and what was started; return the state."""
         state["number"] = self.number
         if self._starter is not None:
             state["started"] = self._starter.running

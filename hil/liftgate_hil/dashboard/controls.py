@@ -84,7 +84,7 @@ def controls_of(commands: JsonObject) -> Controls:
         kind: {
             **spec,
             "label": in_words(kind),
-            "keys": {name: _key(kind, name, key) for name, key in spec["keys"].items()},
+            "keys": {name: _fault_key(kind, name, key) for name, key in spec["keys"].items()},
         }
         for kind, spec in commands["fault"].items()
     }
@@ -92,6 +92,7 @@ def controls_of(commands: JsonObject) -> Controls:
 
 
 def _control(name: str, spec: JsonObject) -> Control:
+    """Return a quantity's control: its limits, label and slider's range, and of a switch its buttons' texts."""
     low, high = _USUAL.get(name, (spec["low"], spec["high"]))
     own = (
         _SWITCHES[name]._asdict() if name in _SWITCHES else {"label": in_words(name, spec["unit"]), "actions": ()}
@@ -99,7 +100,8 @@ def _control(name: str, spec: JsonObject) -> Control:
     return cast(Control, {**spec, "slide_low": low, "slide_high": high, **own})
 
 
-def _key(kind: str, name: str, key: JsonObject) -> FaultKey:
+def _fault_key(kind: str, name: str, key: JsonObject) -> FaultKey:
+    """Return the key of a fault command, with its label and the value with which the page's form begins."""
     typical = key["default"] if key["default"] is not None else _TYPICAL.get((kind, name))
     label = _KEY_LABELS.get((kind, name)) or _KEY_LABELS.get(("", name)) or in_words(name, key["unit"])
     return cast(FaultKey, {**key, "label": label, "typical": typical, "is_hex": (kind, name) in _HEX})

@@ -40,7 +40,7 @@ class Deference:
         self._left: int | None = None  # CPU that is left to the loop
 
     def give_way_to(self, pid: int | None) -> None:
-        """Avoid the CPU of the loop of process `pid`, unless it is the only CPU; None: there is no loop."""
+        """Avoid the CPU of the loop of process `pid`, unless it is the only CPU; None: avoid none any more."""
         if self._loop is None or self._loop.pid != pid:
             self._loop = None if pid is None else LoopThread(pid)
         cpu = None if self._loop is None else self._loop.cpu()

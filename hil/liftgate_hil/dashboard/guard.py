@@ -51,7 +51,7 @@ class Guard:
             await response(scope, receive, send)
 
     def _refusal(self, scope: Scope) -> tuple[int, str]:
-        """Return the status and the reason of a refusal; 0: the connection is allowed."""
+        """Return the HTTP status and the reason of a refusal; (0, ""): the connection is allowed."""
         headers = Headers(scope=scope)
         host = _with_port(headers.get("host", "").lower())
         own = [*self._hosts, _address_in(scope)]
@@ -71,7 +71,7 @@ class Guard:
 
 
 def hosts_of(address: str, port: int) -> list[str]:
-    """Return the allowed Host headers of a server that listens at an address: that, and this machine's names.
+    """Return the allowed Host headers HOST:PORT of a server that listens at an address: that, and its names.
 
     The address that a connection came to is allowed besides.
     """
@@ -88,12 +88,12 @@ def hosts_of(address: str, port: int) -> list[str]:
 
 
 def _address_in(scope: Scope) -> str:
-    """Return the server's address at which a connection arrived."""
+    """Return the server's address HOST:PORT at which a connection arrived."""
     host, port = scope.get("server") or ("", 0)
     host = host.removeprefix("::ffff:")  # an IPv4 address on a socket for both versions
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _with_port(host: str) -> str:
-    """Return a Host header with its port, which browsers omit if it is that of HTTP."""
+    """Return a Host header with its port; a header without one gets `:80`, which browsers omit."""
     return host if host.rpartition(":")[2].isdecimal() else f"{host}:80"

@@ -27,7 +27,7 @@ _MOST = 500  # messages that are kept
 
 @dataclass
 class Heard:
-    """A message on the bus, with the last frame received of it."""
+    """A message on the bus, sent or received by the gate: number of its frames, cycle, and last frame."""
 
     is_sent: bool
     count: int
@@ -55,7 +55,7 @@ class BusView:
         self._inputs = [(found.identifier(each.message) & ~FD_FLAGS, each) for each in found.inputs]
 
     def hear(self, frame: Any) -> None:
-        """Store a frame, a record of LOGGED, as the last one of its message."""
+        """Store a frame, a record of LOGGED, as its message's last one; beyond 500 messages just count it."""
         identifier, is_sent = int(frame["identifier"]) & ~FD_FLAGS, bool(frame["is_sent"])
         before = self._heard.get((identifier, is_sent))
         if before is None and len(self._heard) >= _MOST:
@@ -71,7 +71,7 @@ class BusView:
         )
 
     def command(self) -> dict[str, CommandValue]:
-        """Return the ECU's last command: the value (or its label), unit and signal of each quantity."""
+        """Return the ECU's last command, by quantity: value (or its label), unit and signal; {}: none received."""
         found, decoded = dict[str, CommandValue](), dict[int, SignalValues]()
         for identifier, each in self._inputs:
             heard = self._heard.get((identifier, False))
@@ -86,7 +86,7 @@ class BusView:
         return found
 
     def messages(self) -> list[HeardMessage]:
-        """Return the last frame of each message on the bus, by identifier."""
+        """Return the last frame of each message on the bus, sorted by identifier."""
         return [
             {
                 **self._described(identifier, each.is_sent, each.time_ns, each.payload),
@@ -97,7 +97,7 @@ class BusView:
         ]
 
     def described(self, frames: Any) -> list[TracedFrame]:
-        """Return frames, records of LOGGED, decoded, in the given order."""
+        """Return frames (n,) LOGGED in decoded form, in the given order."""
         return [
             self._described(
                 int(each["identifier"]) & ~FD_FLAGS,
@@ -114,6 +114,7 @@ class BusView:
         return {name: unit for name, unit in named if unit}
 
     def _described(self, identifier: int, is_sent: bool, time_ns: int, payload: bytes) -> TracedFrame:
+        """Return a frame in decoded form; name "" and signals {}: the database has no such message."""
         return {
             "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
             "name": self._messages[identifier].name if identifier in self._messages else "",
@@ -125,7 +126,7 @@ class BusView:
 
 
 def _decoded(message: Message | None, payload: bytes) -> SignalValues:
-    """Return the signals of a frame, as labels where they have some; empty if the frame does not fit."""
+    """Return a frame's signals, as labels where they have some; {}: no message, or the frame does not fit it."""
     if message is None:
         return {}
     import cantools
@@ -149,7 +150,7 @@ MOST_FRAMES = 1000  # of one reply: the page asks twice a second, and says which
 
 
 class FrameTrace:
-    """The latest frames on a bus, each with its number, from 1.
+    """The latest 5000 frames on a bus, or some more, each with its number, from 1.
 
     Frames are kept in the blocks in which they were read, so that they cost nothing while nobody asks.
     """
@@ -168,7 +169,7 @@ class FrameTrace:
             self._blocks.popleft()
 
     def after(self, number: int) -> tuple[int, Any]:
-        """Return the frames after the one with the given number, and the number of the first of them.
+        """Return the number of the first kept frame after the given number, and the frames from it on.
 
         Of more than MOST_FRAMES the latest are returned.
         """

@@ -17,7 +17,7 @@ _GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
 
 
 def bound(address: tuple[str, int]) -> socket.socket:
-    """Return a new socket that listens at an address. Raises ConfigError."""
+    """Return a new socket that listens at an address (host, port). Raises ConfigError."""
     host, port = address
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -53,7 +53,7 @@ def hold_token() -> None:
 
 
 def url_of(wire: socket.socket, host: str, token: str) -> str:
-    """Return the page's URL; if the server listens at all addresses, with this machine's name."""
+    """Return the page's URL with the token; with this machine's name if the server listens at all addresses."""
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     return f"http://{shown}:{wire.getsockname()[1]}/?token={token}"

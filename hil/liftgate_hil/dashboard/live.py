@@ -103,7 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read new data at a monotonic time [s]; return `low` and `high` of the columns; {}: no new rows."""
+        """Read the run's new data, at a monotonic time [s]; return `low` and `high` of columns; {}: no rows."""
         with self._updating:
             return self._update(now)
 
@@ -119,7 +119,7 @@ class Live:
             self._bits.popleft()
         if now >= self._asked + _ASK_S or self._client.has_closed():
             self._asked = now
-            self._ask()
+            self._fetch_news()
         if not len(rows):
             return {}
         rows = rows[:, self._places]
@@ -132,12 +132,13 @@ class Live:
             self._history.popleft()
         return {"low": low.tolist(), "high": high.tolist()}
 
-    def _ask(self) -> None:
+    def _fetch_news(self) -> None:
+        """Fetch progress, log and end of the run, unless it has ended or a command waits for its reply."""
         if self.has_ended or not self._lock.acquire(blocking=False):
             return
         try:
             news = self._client.news(self.last_line)
-            self._take(news or {**self._news, "phase": LATE})
+            self._store_news(news or {**self._news, "phase": LATE})
         except RunGoneError:
             self.has_ended = True
             self.end = cast(EndState | None, self._client.end) or _UNKNOWN_END
@@ -145,20 +146,20 @@ class Live:
         finally:
             self._lock.release()
 
-    def _take(self, news: JsonObject) -> None:
+    def _store_news(self, news: JsonObject) -> None:
         self._lines.extend(news.pop("lines", ()))
         self._news = news
 
     def command(self, command: object) -> JsonObject:
-        """Send a command to the run, and return its reply. Raises ConfigError, RunGoneError."""
+        """Send a command to the run; return its reply; {}: it obeys later. Raises ConfigError, RunGoneError."""
         with self._lock:
             done = self._client.command(command)
             if done:  # so that the next page's update shows it
-                self._take(self._client.news(self.last_line) or self._news)
+                self._store_news(self._client.news(self.last_line) or self._news)
             return done
 
     def state(self, time: float | None = None) -> PageState:
-        """Return the full latest state: values, log, messages on the bus and histograms."""
+        """Return the full latest state, whatever `time`: values, log, messages on the bus and histograms."""
         return {**self.moment(), **self.now_and_then(), "log": list(self._lines)}
 
     @property
@@ -240,7 +241,7 @@ class Live:
         return curves_of(columns, np.array([time for time, _, _ in history]), low, high, points)
 
     def trace(self, after: int) -> BusTrace:
-        """Return the frames on the bus after number `after`, with the number of the first of them."""
+        """Return the kept frames on the bus after number `after`, decoded, and the number of the first of them."""
         first, frames = self._trace.after(after)
         return {"first": first, "frames": self._bus.described(frames)}
 

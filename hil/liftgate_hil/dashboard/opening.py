@@ -32,7 +32,7 @@ def check_installed() -> None:
 def source_of(
     request: DashboardRequest, progress: Callable[[str], AbstractContextManager[Any]]
 ) -> Live | RecordingSource | NoSource:
-    """Return the page's data source: a recording, a client of a run, or none yet. Raises ConfigError."""
+    """Return the data source; `progress(what)` is the context in which a recording is read. Raises ConfigError."""
     if request.scenarios is not None:
         from liftgate_hil.dashboard.source import NoSource
 

@@ -70,7 +70,7 @@ class RecordingSource:
         self._geometry = _geometry_in(table.about) if vehicle is None else _geometry_of(vehicle_from(vehicle))
 
     def _thinned(self, table: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return every `every`-th row, and the lowest and highest values of the rows that it stands for."""
+        """Return last, lowest and highest values of each `every` successive rows: three arrays (n, columns)."""
         if self._every == 1:
             whole = np.concatenate([np.zeros((0, len(self._names))), *table.rows(self._names)])
             return whole, whole, whole
@@ -80,8 +80,8 @@ class RecordingSource:
             rows = np.concatenate([rest, block])
             count = len(rows) // self._every * self._every
             rest = rows[count:]
-            _keep(kept, rows[:count], self._every)
-        _keep(kept, rest, max(1, len(rest)))
+            _append_thinned(kept, rows[:count], self._every)
+        _append_thinned(kept, rest, max(1, len(rest)))
         last, low, high = (np.concatenate([rest[:0], *each]) for each in kept)
         return last, low, high
 
@@ -103,11 +103,11 @@ class RecordingSource:
         }
 
     def geometry(self) -> GateGeometry:
-        """Return the geometry of the vehicle, from the file's provenance or as configured; empty: unknown."""
+        """Return the geometry of the given vehicle, else of that in the file's provenance; {}: unknown."""
         return self._geometry
 
     def _contacts(self) -> list[JsonObject] | None:
-        """Return the contacts with an obstacle; None: the recording holds no pinch force."""
+        """Return the first 100 contacts with an obstacle (above 1 N); None: the recording holds no pinch force."""
         name = next(
             (each for each in self._names if self._ours.get("pinch_force_n", "pinch_force_n") == each), None
         )
@@ -163,7 +163,7 @@ class RecordingSource:
 
 
 def _geometry_in(about: str) -> GateGeometry:
-    """Return the geometry of the vehicle in a recording's provenance; empty: it names none."""
+    """Return the geometry of the vehicle in a recording's provenance, a text in JSON; {}: it holds none."""
     if not about:
         return {}
     try:
@@ -201,7 +201,8 @@ def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence
     return found
 
 
-def _keep(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
+def _append_thinned(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
+    """Append last, lowest and highest of each `every` of the rows, a multiple of these, to the lists `kept`."""
     if not len(rows):
         return
     parts = rows.reshape(-1, every, rows.shape[1])

@@ -104,13 +104,13 @@ class Page:
             await asyncio.to_thread(self._starter.close)
 
     def _followed(self, task: asyncio.Task[None]) -> None:
-        """End the server if the task that follows the run has failed; it is cancelled where the server ends."""
+        """End the server, by SIGTERM to this process, if the task that follows the run has failed."""
         if not task.cancelled() and task.exception() is not None:
             self._failure = task.exception()
             signal.raise_signal(signal.SIGTERM)
 
     async def farewell(self) -> None:
-        """Send viewers the last state."""
+        """Send viewers the last state before the server ends, and wait until they have received it."""
         await self._active.farewell()
 
     def check(self) -> None:
@@ -228,6 +228,7 @@ class Page:
 
     @staticmethod
     async def _in(threads: ThreadPoolExecutor, action: Callable[..., Any], *arguments: object) -> Any:
+        """Call an action in a thread of the given pool, and return its result."""
         return await asyncio.get_running_loop().run_in_executor(threads, action, *arguments)
 
     async def _stream(self, wire: WebSocket) -> None:
@@ -249,6 +250,7 @@ def _json(content: Any, status: int = 200) -> Response:
 
 
 def _refused(status: int, issues: list[str]) -> Response:
+    """Return the response that refuses a request: the issues, as JSON."""
     return _json({"issues": issues}, status)
 
 

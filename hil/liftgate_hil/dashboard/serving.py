@@ -29,7 +29,7 @@ _REQUEST_S = 10.0  # s for a further one, after a request with the token
 def watched(protocol: Any) -> Any:
     """Return uvicorn's HTTP protocol class extended to drop stalled and surplus connections.
 
-    One above the first `_MOST` replaces the oldest connection without a request with the token so far.
+    Beyond `_MOST` connections, a new one replaces the oldest that has sent no request with the token so far.
     """
     most = max(1, min(_MOST, resource.getrlimit(resource.RLIMIT_NOFILE)[0] - _RESERVED))
     strangers: dict[Any, None] = {}  # connections without such a request, in the order in which they came
@@ -46,6 +46,8 @@ def watched(protocol: Any) -> Any:
                 oldest.transport.abort()
 
         def _tracked(self, app: Any) -> Any:
+            """Return an application whose scopes have a function that takes this connection from the strangers."""
+
             async def serve(scope: Any, receive: Any, send: Any) -> None:
                 extensions = {**scope.get("extensions", {}), AUTHORISED: lambda: strangers.pop(self, None)}
                 await app({**scope, "extensions": extensions}, receive, send)
@@ -57,10 +59,12 @@ def watched(protocol: Any) -> Any:
             super().handle_websocket_upgrade(*arguments)
 
         def _watch(self, cycle: Any) -> None:
+            """Call `_look` after the time that a connection may take for its next request."""
             limit = _FIRST_S if self in strangers else _REQUEST_S
             self._limit = asyncio.get_running_loop().call_later(limit, self._look, cycle)
 
         def _look(self, cycle: Any) -> None:
+            """Close the connection if no request has come since that of `cycle`; else go on watching it."""
             if self not in self.connections:  # it is a WebSocket's now, or closed
                 return
             if self.cycle is cycle and (cycle is None or cycle.response_complete):

@@ -71,7 +71,7 @@ def curves_of(wanted: Sequence[str], times: Floats, low: Floats, high: Floats, m
 
 
 def split(names: list[str], values: list[float]) -> tuple[Numbers, Numbers]:
-    """Split a row into its true and its sensed values, both by the names of the true ones."""
+    """Split a row into true and sensed values, both by the true ones' names; those of the bench are left out."""
     truth, sensed = {}, {}
     for name, value in zip(names, values, strict=True):
         if name.startswith(SENSED_PREFIX):
@@ -82,7 +82,7 @@ def split(names: list[str], values: list[float]) -> tuple[Numbers, Numbers]:
 
 
 def units_of(names: list[str]) -> dict[str, str]:
-    """Return the units of columns, as in the catalogue."""
+    """Return the units of columns, as in the catalogue; "" for unknown columns."""
     return {name: COLUMNS[name].unit if name in COLUMNS else "" for name in names}
 
 
@@ -92,5 +92,5 @@ def meanings_of(names: list[str]) -> dict[str, str]:
 
 
 def times_of(figures: Quantiles) -> Numbers | None:
-    """Return the quantiles of a distribution of durations [µs] as numbers; None: no durations."""
+    """Return the quantiles of a distribution of durations [µs] as a dict; None: no durations."""
     return figures._asdict() if figures.count else None

@@ -106,6 +106,7 @@ def _about(file: ScenarioFile | None = None, issue: str = "") -> JsonObject:
 
 
 def _stamp_of(paths: Iterable[Path]) -> _Stamp:
+    """Return the time of change [ns] and size [bytes] of each file; (): one of them is gone."""
     found = []
     for path in paths:
         try:
@@ -164,7 +165,7 @@ class Starter:
         }
 
     def note_end(self, pid: int, end: EndState) -> None:
-        """Store how a run that this page has started has ended; without expectations it has no verdict."""
+        """Store the verdict of the run in process `pid` if this page has started it; "": nothing was expected."""
         if self._process is not None and self._process.pid == pid:
             is_judged = end["expectations"] or end["verdict"] != PASS
             self._verdicts[self._name] = end["ending"] if is_judged else ""
@@ -198,6 +199,7 @@ class Starter:
             raise ConfigError(f"scenario {show(name)[:80]}: no such file in {self._folder}; allowed: {allowed}")
 
     def _started(self, name: str) -> Client:
+        """Start the process of a scenario, and return a client of its run. Raises RunGoneError."""
         self._name, self._is_stopped = name, False
         self._printed.clear()
         path = str(self._folder / name)
@@ -224,6 +226,7 @@ class Starter:
             self._printed.append(line.strip())
 
     def _client(self, process: subprocess.Popen[str], reader: threading.Thread) -> Client:
+        """Wait until the run of a process has begun, and return a client of it. Raises RunGoneError."""
         deadline = time.monotonic() + _BEGIN_S
         while process.poll() is None and time.monotonic() < deadline:
             try:

@@ -43,7 +43,7 @@ def open_can() -> None:
 
 
 def socketcan(attempt: Callable[[], None] = open_can) -> Check:
-    """Check whether the kernel supports CAN."""
+    """Check whether the kernel supports CAN; `attempt` opens a CAN socket, and raises OSError if it cannot."""
     try:
         attempt()
     except OSError as error:
@@ -64,7 +64,7 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
 
 
 def link_of(text: str) -> Mapping[str, object]:
-    """Return kind, bitrate [bit/s] and state of an interface from `ip`'s JSON output; empty if it has none."""
+    """Return kind, bitrate [bit/s] and state of an interface from `ip`'s JSON output; {} if it states none."""
     try:
         link = json.loads(text)[0]["linkinfo"]
         data = link.get("info_data", {})
@@ -185,7 +185,7 @@ def serial_ports(ports: Sequence[Any], user: str) -> Check:
 
 
 def _group_of(device: str) -> str:
-    """Return the name of the group that may open a device."""
+    """Return the name of the group that may open a device; "dialout" where it cannot be determined."""
     with contextlib.suppress(OSError, KeyError):
         return grp.getgrgid(Path(device).stat().st_gid).gr_name
     return "dialout"

@@ -74,6 +74,7 @@ class Examination:
         )
 
     def _measure(self) -> None:
+        """Measure wake-up lateness (also with FIFO scheduling, if possible), stolen time and a tick's duration."""
         may = limits.may_have_fifo(ROOT)
         times = 2 if may or self.request.realtime else 1
         often = ("once", "twice")[times - 1]
@@ -115,7 +116,7 @@ def _is_compiled() -> bool:
 
 
 def user_name() -> str:
-    """Return the name of the user who runs this program."""
+    """Return the name of the user who runs this program; "*", in limits.d for everybody, if there is no name."""
     try:
         return pwd.getpwuid(os.getuid()).pw_name
     except KeyError:  # in a container a user may have no name

@@ -20,14 +20,15 @@ _FILE = "/etc/security/limits.d/90-liftgate.conf"
 
 
 def _limit(root: Path, name: str) -> int:
-    """Return a soft resource limit of this process by its name in /proc; 0 where it is not known."""
+    """Return a soft resource limit of this process by its name in /proc; _UNLIMITED: none, 0: unknown."""
     line = re.search(rf"^{name}\s+(\S+)", read(root, "proc/self/limits"), re.MULTILINE)
     if line is None:
         return 0
     return _UNLIMITED if line[1] == "unlimited" else number(line[1], 0)
 
 
-def _allow(user: str, name: str, value: str, unit: str) -> str:
+def _advice_to_allow(user: str, name: str, value: str, unit: str) -> str:
+    """Return a command that sets a user's limit in limits.d, and `unit`, the same for a systemd service."""
     return (
         f"echo '{user} - {name} {value}' | sudo tee -a {_FILE}, then log in again "
         f"(a systemd service: {unit}={value})"
@@ -51,7 +52,7 @@ def priority(root: Path, user: str) -> Check:
         return Check("FIFO priority", "ok", f"runs in real time may use priority {PRIORITY}")
     limit = _limit(root, "Max realtime priority")
     found = f"this user may have at most {limit}, a run in real time requests {PRIORITY}"
-    mend = _allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO")
+    mend = _advice_to_allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO")
     return judged("FIFO priority", f"{found}: other programs can hold up the loop", mend)
 
 
@@ -63,7 +64,7 @@ def memory(root: Path, user: str) -> Check:
         return Check("locked memory", "ok", "runs in real time may lock their memory")
     limit = _limit(root, "Max locked memory") / 2**20
     found = f"this user may lock {limit:.0f} MiB, a run has more: a page fault can hold up the loop"
-    mend = _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity")
+    mend = _advice_to_allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity")
     return judged("locked memory", found, mend)
 
 
@@ -86,7 +87,7 @@ def sleep_states(root: Path) -> Check:
 
 
 def swap(root: Path, locked: bool) -> Check:
-    """Check whether memory of this program may be swapped to a disk when a tick needs it."""
+    """Check whether memory that a tick needs may be swapped to a disk; `locked`: runs can lock their memory."""
     rows = [line.split() for line in read(root, "proc/swaps").splitlines()[1:]]
     used = sum(number(row[3], 0) for row in rows if len(row) > 3) / 1024.0
     if not rows:

@@ -17,7 +17,7 @@ _SLOW_CLOCKS = ("acpi_pm", "hpet", "jiffies", "pit", "refined-jiffies")
 
 
 def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byteorder) -> Check:
-    """Check whether the real-time loop can run on this platform."""
+    """Check whether the real-time loop can run on a platform, this one by default (`bits` 0: of this Python)."""
     bits = bits or (64 if sys.maxsize > 2**32 else 32)
     found = f"{name}, {bits} bit, {byte_order}-endian"
     if name == "linux" and bits == 64 and byte_order == "little":
@@ -50,7 +50,7 @@ def kernel(root: Path) -> Check:
 
 
 def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
-    """Check the model and number of the CPUs, and the number that this process may use."""
+    """Check the model and number of the CPUs, and which are `allowed` to this process: two at least."""
     info = read(root, "proc/cpuinfo")
     names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
     online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
@@ -64,7 +64,7 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
 
 
 def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
-    """Check which CPU --realtime would use, and whether that CPU is isolated for the loop."""
+    """Check whether the CPU that --realtime would use, `wanted` or (None) chosen from `allowed`, is isolated."""
     alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
     if wanted is not None and wanted not in allowed:
         found, mend = f"CPU {wanted} is not one that this process may use", ranges(list(allowed))
@@ -92,7 +92,7 @@ def quota(root: Path) -> Check:
 
 
 def _quotas(root: Path, line: str, mount: str) -> list[float]:
-    """Return the CPU quotas [CPUs] of this process's control group and its parents."""
+    """Return the CPU quotas [CPUs] of this process's control group and its parents, without unlimited ones."""
     group = re.search(line, read(root, "proc/self/cgroup"), re.MULTILINE)
     folder = group[1].strip("/") if group else ""
     limits = []

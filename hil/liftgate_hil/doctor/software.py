@@ -16,7 +16,7 @@ WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
-    """Check that the required packages are installed, and that numba has one of the tested versions."""
+    """Check that `version_of(name)` finds all required packages, and that numba has one of the tested versions."""
     found, missing = [f"Python {platform.python_version()}"], []
     for name in ("liftgate-hil", *PACKAGES):
         try:

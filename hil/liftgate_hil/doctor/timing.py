@@ -43,7 +43,7 @@ class Wakeups(NamedTuple):
 
     @property
     def direct_share(self) -> float:
-        """Estimated share, 0 to 1, of MOTION-long windows without a wake-up late by more than LONG_NS.
+        """Estimated share, 0 to 1, of windows of 10 s (MOTION) without a wake-up more than 5 ms (LONG_NS) late.
 
         Late wake-ups are assumed to be a Poisson process. In a window with one, a verdict needs the replay.
         """
@@ -51,7 +51,7 @@ class Wakeups(NamedTuple):
 
 
 def measure(rate: float, duration: float, realtime: Realtime | None = None) -> Wakeups:
-    """Measure wake-up lateness at a rate [Hz] for a duration [s]."""
+    """Measure wake-up lateness at a rate [Hz] for a duration [s], with real-time settings or (None) without."""
     from liftgate_hil.loop.wakeups import measure_wakeups
 
     periods = max(1, round(rate * duration))
@@ -60,7 +60,7 @@ def measure(rate: float, duration: float, realtime: Realtime | None = None) -> W
 
 
 def measure_tick(rate: float, realtime: Realtime | None = None) -> Quantiles:
-    """Measure a tick's execution time in a real run of the shipped vehicle without a bus: paced, cold caches."""
+    """Return the distribution of a tick's execution time in a run without a bus, paced and with cold caches."""
     import numpy as np
 
     from liftgate_compiler import compiled
@@ -150,7 +150,7 @@ def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
 
 
 def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
-    """Check the lateness and the missed periods of a wake-up measurement."""
+    """Return the check `name` of a measurement's missed periods, with the remedy `mend` where they are many."""
     from liftgate_hil.loop.statistics import in_words
 
     missed = f"{wakeups.missed} of {wakeups.periods} periods missed"
@@ -169,7 +169,7 @@ def given(refused: Sequence[str], asked: bool) -> Check:
 
 
 def tick_cost(tick: Quantiles | None, rate: float) -> Check:
-    """Check whether a tick's execution time fits into a period."""
+    """Check whether a tick's execution time fits into a period at a rate [Hz]; None: it was not measured."""
     if tick is None:
         return Check("tick", "ok", "not measured: the model is not compiled yet")
     share = f"{100.0 * tick.p50_us * 1e-6 * rate:.1f} % of a period at {rate:g} Hz"
@@ -179,7 +179,7 @@ def tick_cost(tick: Quantiles | None, rate: float) -> Check:
 
 
 def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, problems: int) -> Check:
-    """Judge this machine's fitness for real time at a rate [Hz]; `modes` are WITH and WITHOUT FIFO scheduling."""
+    """Judge fitness for real time at a rate [Hz] by the `modes` WITH/WITHOUT FIFO and the number of `problems`."""
     from liftgate_hil.loop.statistics import force_of
 
     if not modes:

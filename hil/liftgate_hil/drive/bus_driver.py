@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from liftgate_hil.transport.find import Way
 
     Wire = TypeVar("Wire", Line, Transport)
-    # Goes on from a state until it is stopped: the state then.
+    # Runs a phase from a state until the given function returns True; returns the state then.
     Going = Callable[[LoopState, Callable[[], bool]], LoopState]
 
 
@@ -110,7 +110,7 @@ class BusDriver(Driver):
         self.is_prepared = True
 
     def opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
-        """Open the wire; leaving the `stack` closes it. Raises TransportError.
+        """Open the wire by `open_wire(way)`; leaving the `stack` closes it. Raises TransportError.
 
         For a UDP multicast bus the listener is told whether it reaches the network or this machine only.
         """
@@ -158,7 +158,7 @@ class BusDriver(Driver):
         """Run the phases of the precondition, which end at time 0; return whether there were any.
 
         All are ready before the first one runs, so that the bus is silent for no longer than it takes to go on.
-        `begun` begins one, and is told whether it is the first. Raises PreconditionError.
+        `begun(phase, is_first)` prepares one and returns the function that runs it. Raises PreconditionError.
         """
         restbus = None
         stimuli, state = self.start.stimuli, self.start.state
@@ -190,7 +190,7 @@ class BusDriver(Driver):
         return "; ".join(filter(None, found))
 
     def steps_again(self, summary: Summary) -> StepsAgain | None:
-        """Return the function that simulates a real-time run again; None: not only ECU commands acted on it."""
+        """Return the function that simulates a real-time run again; None: impossible, as after injected faults."""
         frames = None if self.log is None else self.log.frames()
         if self.judge is None or self.log is None or self.begun is None or frames is None:
             return None
@@ -224,7 +224,7 @@ class BusDriver(Driver):
 
 
 def _server_of(job: Job, verdicts: Callable[[], Sequence[Verdict]]) -> Server:
-    """Return the server that a run's clients attach to; a relay as the job's listener sends to it from now on."""
+    """Return the server for a run's clients, with `verdicts()` so far; a Relay as job's listener now feeds it."""
     relay = job.listener
     assert job.attachable_as is not None
     server = Server(relay.listener if isinstance(relay, Relay) else relay, job.attachable_as, verdicts)

@@ -52,7 +52,7 @@ class _Watcher(compiler.Watcher):
         self._listener.compiles(f"{doing} the {_name_of(name)}", seconds, expected)
 
     def ready(self, name: str, seconds: float) -> None:
-        """Report that the entry point is ready, and note how long it took to compile here."""
+        """Report that the entry point is ready, and store how long [s] this process took to compile it."""
         if self._own == name:
             compiler.note_duration(name, seconds)
             self._own = ""

@@ -80,14 +80,16 @@ class Driver:
         """
 
     def begin(self, stack: contextlib.ExitStack) -> None:
-        """Open all other resources of the run, closed with the `stack`, and run its precondition. Raises
-        ConfigError, TransportError, PreconditionError, RecordingError, and what an ECU's code raises.
+        """Open all other resources of the run, closed with the `stack`, and run its precondition.
+
+        Raises ConfigError, TransportError, PreconditionError, RecordingError, and what an ECU's code raises.
         """
         raise NotImplementedError
 
     def advance(self, ticks: int | None) -> None:
-        """Run until `ticks` ticks after time 0 are done (None: without limit), or the run is stopped. Raises
-        OverrunError, PlantDivergedError, EcuError.
+        """Run until `ticks` ticks after time 0 are done (None: without limit), or the run is stopped.
+
+        Raises OverrunError, PlantDivergedError, EcuError.
         """
         raise NotImplementedError
 
@@ -115,7 +117,7 @@ class Driver:
         """Tell attached clients, if any, how the run has ended."""
 
     def completed(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
-        """Return the summary of a run, completed with the counts and texts of refused frames."""
+        """Complete a run's summary with the counts and texts of refused and discarded frames, and return it."""
         plan = self.plan
         began_s = int(stimuli.origin[0]) * plan.config.step
         texts = RefusalTexts(plan.rig, plan.config, began_s, is_bus=plan.way is not None)

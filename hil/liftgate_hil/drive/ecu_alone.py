@@ -104,7 +104,7 @@ class _Waiting:
         self._is_told, self._has_told_other = False, False
 
     def look(self, now: int, peer: Peer) -> None:
-        """Report a long wait for the gate, foreign frames on the bus meanwhile, and the end of the wait."""
+        """Report, `now` [ns] after the start, a long wait for the gate, foreign frames meanwhile, and its end."""
         other = peer.first_other
         if peer.has_heard_the_gate:
             if self._is_told:
@@ -130,7 +130,7 @@ class _Losses:
         self._is_told = False
 
     def look(self, now: int) -> None:
-        """Report dropped frames, once."""
+        """Report, once, that frames were dropped, `now` [ns] after the start."""
         if not self._is_told and self._peer.dropped > self._before:
             self._is_told = True
             self._listener.say(
@@ -148,7 +148,7 @@ def _take_turns(
     stopped: Callable[[], bool],
     listener: Listener,
 ) -> None:
-    """Poll the ECU for `duration` [s] from the start; None: until it is stopped."""
+    """Poll the ECU each ms, and report events, waiting and losses, for `duration` [s]; None: until stopped."""
     gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
     gc.freeze()
     start = time.monotonic_ns()
@@ -186,6 +186,7 @@ def _going_first(realtime: bool | None, listener: Listener) -> Iterator[None]:
 
 
 def _requests(given: Sequence[str]) -> list[Request]:
+    """Return the requests given as texts SECONDS:ACTION. Raises ConfigError."""
     from liftgate_hil.stimuli.moments import Instant
     from liftgate_hil.stimuli.requests import REQUESTS, Request
 

@@ -159,5 +159,5 @@ class EcuProcess:
             raise EcuError(f"the ECU's process did not take part: {text}")
 
     def kill(self) -> None:
-        """Kill the process at once; its supervisor, if any, ends the processes that it has started."""
+        """Terminate the process, kill it after 5 s; its supervisor, if any, ends what the process has started."""
         end(self._process, _LEAVE_S)

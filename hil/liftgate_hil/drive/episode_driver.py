@@ -46,7 +46,7 @@ class EpisodeDriver(Driver):
         episode.begin()
 
     def advance(self, ticks: int | None) -> None:
-        """Run until so many ticks are done."""
+        """Run until `ticks` ticks after time 0 are done, or the run is stopped."""
         assert self._episode is not None
         assert ticks is not None
         self._has_failed = True

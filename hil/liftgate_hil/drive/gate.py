@@ -140,6 +140,7 @@ class Gate:
         return self._columns(SENSED_PREFIX)
 
     def _columns(self, prefix: str) -> ColumnValues:
+        """Return the values of the last row whose names begin with `prefix`, without it; "": the true values."""
         if self._episode.ticks == 0:
             return ColumnValues()
         columns = columns_of(self._vehicle.drives)
@@ -312,7 +313,7 @@ class Gate:
         clear_codes(*self._to_be_asked("clear_dtcs", cycle))
 
     def _to_be_asked(self, name: str, cycle: Callable[[], object]) -> tuple[Diagnostics, CallerLoop]:
-        """Return the rig's diagnostics, and the caller's loop through which a tester asks. Raises ConfigError."""
+        """Return the rig's diagnostics, and `cycle` as a tester's loop; `name` for errors. Raises ConfigError."""
         self._check_open()
         own = self.rig.diagnostics
         if own is None:
@@ -348,7 +349,7 @@ class Gate:
         return self._sent
 
     def _note(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Keep the last row, sent frames, orders and Hall edges of a part of a step."""
+        """Store the last row, sent frames and Hall edges of a part of a step, and execute orders in its frames."""
         from liftgate_hil.transport.messages import logged_message
 
         self._row[:] = rows[-1]
@@ -389,7 +390,7 @@ class _StepSink:
         self._gate = gate
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Pass rows and frames on."""
+        """Pass rows and frames on to the gate."""
         self._gate._note(rows, frames)
 
 

@@ -107,7 +107,7 @@ class PythonDriver(BusDriver):
             run_lockstep(loop, lockstep, ticks, stopped)
 
     def advance(self, ticks: int | None) -> None:
-        """Run until so many ticks are done (None: without limit), or the run is stopped."""
+        """Run until `ticks` ticks after time 0 are done (None: without limit), or the run is stopped."""
         assert self._loop is not None
         try:
             self._clocked(self._loop, ticks, self.stopped)
@@ -115,7 +115,7 @@ class PythonDriver(BusDriver):
             self.observers.end()
 
     def finish(self) -> None:
-        """Run one more tick with the motors off, and keep the figures of the run."""
+        """Run one more tick with the motors off, and store the summary of the run."""
         assert self._loop is not None
         try:
             self._loop.finish()

@@ -102,7 +102,7 @@ class RealtimeDriver(BusDriver):
         return go
 
     def advance(self, ticks: int | None) -> None:
-        """Run the loop to its end, the last tick with the motors off included."""
+        """Run until `ticks` ticks are done (None: no limit) or the run is stopped, then one with motors off."""
         assert self._loop is not None
         try:
             self._loop.run(ticks, self.stopped)

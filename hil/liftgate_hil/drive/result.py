@@ -140,7 +140,7 @@ def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
 
 
 def nothing_of(job: Job, reason: str, ticks: int) -> Result:
-    """Return a result without data, for a run of which only the length is known."""
+    """Return a result without data, for a run of `ticks` ticks: "error" with a `reason`, "pass" without."""
     nothing = ColumnValues.fromkeys(COLUMNS, math.nan)
     return Result(
         verdict="error" if reason else "pass",
@@ -155,7 +155,7 @@ def nothing_of(job: Job, reason: str, ticks: int) -> Result:
 
 
 def tolerance_of(scenario: Scenario, rig: Rig) -> float:
-    """Return how long a frame may wait until the gate reads it [s]."""
+    """Return how long [s] a frame may wait until the gate reads it without the bench counting as late."""
     given = scenario.timing_tolerance
     return 0.5e-3 * rig.command_cycle_ms() if given is None else given
 

@@ -39,7 +39,7 @@ def run(request: RunRequest) -> Result:
 
 
 def execute(plan: Plan, stopped: Callable[[], bool] = lambda: False) -> Result:
-    """Run a plan, in a process of its own where its ECU may crash. Raises ConfigError."""
+    """Run a plan until its end or `stopped()`, in another process if its ECU may crash. Raises ConfigError."""
     job = plan.job
     fit = notes_on_fit(plan.rig, plan.setup.vehicle, plan.request.rate)
     for note in fit:

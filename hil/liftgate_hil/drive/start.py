@@ -73,7 +73,7 @@ class SharedStarts:
         self._kept: _Kept | None = None
 
     def restored(self, plan: Plan, adapter: Adapter, begin: LoopStart) -> LoopStart | None:
-        """Restore ECU and stimuli's origin from the kept state; None: no state is kept for this run."""
+        """Restore the ECU's and the stimuli's kept state; return the loop at time 0; None: none fits this run."""
         kept = self._kept
         if kept is None or kept.key != _key_of(plan):
             return None

@@ -49,10 +49,10 @@ class WorkerReply(NamedTuple):
 def run_isolated(
     worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
 ) -> WorkerReply:
-    """Run a module as a worker process on a pickled plan, and return its answer; early if it is `stopped`.
+    """Run a module as a worker process on a pickled plan, and return its answer; early once `stopped()` is true.
 
-    The ticks of the run are `step` [s] apart. Raises EcuError where the worker crashed or hung, or its answer was
-    spoiled.
+    The run's ticks are `step` [s] apart; its ECU may take `hang_s` [s] to respond, else HANG_S. Raises EcuError
+    where the worker crashed or hung, or its answer was spoiled.
     """
     shared = Memory(_ROWS, FRAMES, others_write=True)
     with AnswerChannel() as channel, contextlib.closing(shared) as memory:
@@ -197,7 +197,7 @@ def foreign_code(memory: Memory | None) -> Iterator[None]:
 
 
 class ProgressSink:
-    """Sink that reports the progress of a loop in the memory, where the loop itself has another memory."""
+    """Sink that counts a loop's ticks in a memory that a supervising process reads; the loop has another one."""
 
     def __init__(self, memory: Memory) -> None:
         self._control = memory.shared.control[0]

@@ -311,7 +311,7 @@ def main() -> int:
 
 
 def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
-    """Have the recorder carry out the lines `told`, and read the rings up to `seen`; return their place now."""
+    """Have the recorder execute the lines `told`, and read the rings up to `seen`; return their place now."""
     for each in told:
         if isinstance(each, dict):
             recorder.end_at(RingPlace(*each["end"]))
@@ -324,7 +324,7 @@ def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: 
 
 
 def _lines_until_the_end(wakes: Sequence[int]) -> Iterator[list[Any]]:
-    """Yield the lines received on stdin until it ends, regularly and when a descriptor in `wakes` is ready."""
+    """Yield lists of the JSON values from stdin, every 50 ms or when one of `wakes` is ready, until it ends."""
     rest = b""
     while True:
         come = b""

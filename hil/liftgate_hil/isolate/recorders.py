@@ -35,7 +35,7 @@ def place_in(memory: Memory) -> RingPlace:
 
 
 class RingRecorder:
-    """Passes rows and frames from the rings to the writers of files; buffers them until `write_to`.
+    """Passes rows and frames from the rings, through a sieve if given, to writers; buffers them until `write_to`.
 
     Files may take longer to open than the rings hold, as a format's library is imported with the first one.
     """
@@ -80,7 +80,7 @@ class RingRecorder:
         return self._rows.lost + self._frames.lost
 
     def take(self, most: RingPlace = EVERYWHERE, is_last: bool = False) -> None:
-        """Write new rows and frames up to a place, down to the operating system; frames in the order of time."""
+        """Write new rows and frames up to a place; frames that others may precede wait unless `is_last`."""
         rows = self._rows.take(most.rows)
         come = self._frames.take(most.frames)
         frames = self._in_order(come, is_last)
@@ -104,7 +104,7 @@ class RingRecorder:
         self._put(write)
 
     def begin(self) -> None:
-        """Begin the files, unless they have begun."""
+        """Begin the files, with the wall-clock time of the run's start, unless they have begun."""
         if self._has_begun:
             return
         self._has_begun = True

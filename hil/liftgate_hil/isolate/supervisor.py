@@ -69,7 +69,7 @@ def dies_with_parent(parent: int | None = None) -> None:
 
 
 def _supervise(child: int, allowed: frozenset[int] | None, ends_at_once: bool, status_fd: int | None) -> None:
-    """Wait for the child, end the processes that it leaves behind, and exit as the child did."""
+    """Wait for the child, end the processes that it leaves behind, and exit as the child did; never returns."""
     is_there = True
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -132,7 +132,7 @@ def _is_recorder(pid: int) -> bool:
 
 
 def _exit_as(status: int, allowed: frozenset[int] | None) -> None:
-    """End this process with the exit code or signal of a child that was waited for."""
+    """End this process with the signal or exit code of a child's wait status; codes not `allowed`: UNEXPECTED."""
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # the child has left a core dump, if any

@@ -70,6 +70,6 @@ def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:
 
 
 def held_obstacle(obstacle: Obstacle | None) -> dict[str, float]:
-    """Return an obstacle as held values of the loop, by their names; None: no obstacle is given."""
+    """Return an obstacle as held values of the loop, by their names; None: NaN, which releases a held obstacle."""
     each = obstacle or Obstacle(*(math.nan for _ in Obstacle._fields))
     return {f"obstacle_{name}": value for name, value in each._asdict().items()}

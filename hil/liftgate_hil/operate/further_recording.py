@@ -63,7 +63,7 @@ class FurtherRecording:
                 self._spare = RecorderProcess(self._memory, [str(self._folder)])
 
     def _prepared(self) -> RecorderProcess:
-        """Start and return a recorder process for one recording. Raises OSError."""
+        """Return a recorder process for one recording: that which waits, else a new one. Raises OSError."""
         with self._spare_lock:
             spare, self._spare = self._spare, None
         if spare is not None and spare.is_there:
@@ -143,6 +143,7 @@ class FurtherRecording:
                 self._spare = None
 
     def _path_of(self, name: object) -> Path:
+        """Return the path of a new recording with this name in the folder. Raises ConfigError."""
         allowed = f"allowed: a file name, without a folder, with one of {', '.join(RECORDED)}"
         plain = isinstance(name, str) and 0 < len(name.encode()) <= _LONGEST and name.isprintable()
         if not isinstance(name, str) or not plain or name.startswith(".") or set(name) & {"/", "\\"}:

@@ -50,7 +50,7 @@ class Observers:
             self.server.open(about, memory, self.operator)
 
     def end(self) -> None:
-        """Report what observers have not reported yet, while the recordings are written."""
+        """Report the last value of an operator's series of settings, while recordings can still take the mark."""
         if self.operator is not None:
             self.operator.end_series()
 

@@ -137,6 +137,7 @@ class Operator:
             self.recording.note(now, f"{COMMAND}{done}")
 
     def _obey(self, command: object, now: float) -> str:
+        """Execute a command, and return a text on what was done; counting and reporting are the caller's."""
         allowed = "; allowed: one of " + ", ".join(COMMANDS)
         if not isinstance(command, dict) or len(command) != 1:
             raise ConfigError(f"{show(command)[:200]}: not a table of one key{allowed}")
@@ -158,7 +159,7 @@ class Operator:
         if not isinstance(content, dict) or not content:
             raise ConfigError(f"{name} {show(content)[:200]}; allowed: a table with its keys")
         do: dict[str, Callable[[Mapping[str, object], float], str]] = {
-            "obstacle": self._put, "set": self._surround, "fault": self._break, "signal": self._send,
+            "obstacle": self._put_obstacle, "set": self._surround, "fault": self._add_fault, "signal": self._send,
         }  # fmt: skip
         return do[name](content, now)
 
@@ -176,13 +177,14 @@ class Operator:
         self.recording.start(content["file"])
         return f"recording to {content['file']}"
 
-    def _put(self, content: Mapping[str, object], now: float) -> str:
+    def _put_obstacle(self, content: Mapping[str, object], now: float) -> str:
         self._target.hold(held_obstacle(obstacle_in(content, self._edge)))
         self._obstacle = dict(content)
         units = {name: signal.unit for name, signal in OBSTACLE.items() if name != "angle_deg"}
         return "obstacle " + _words(content, units)
 
     def _surround(self, content: Mapping[str, object], now: float) -> str:
+        """Set surroundings; None clears one."""
         held = surroundings_in(content)
         self._target.hold(held)
         both = {**self._set, **held}
@@ -209,7 +211,7 @@ class Operator:
         self._signals = {name: value for name, value in both.items() if value is not None}
         return "signal " + _words(content)
 
-    def _break(self, content: Mapping[str, Any], now: float) -> str:
+    def _add_fault(self, content: Mapping[str, Any], now: float) -> str:
         values = {str(name): value for name, value in content.items()}
         kind, where = str(values.pop("kind", "")), values.pop("where", None)
         fault = located(replace(fault_of(kind, where, values), start=Instant(now)), self._rig)
@@ -229,7 +231,7 @@ class Operator:
                 self._send({one: None}, 0.0)
                 return f"clear signal {one}"
             if name == "fault" and isinstance(one, dict) and "kind" in one:
-                return self._mend(one)
+                return self._clear_fault(one)
         if not isinstance(content, str) or content not in _CLEARED:
             one = '{"set": NAME}, {"signal": NAME of one that was set}, {"fault": {"kind": …, "where": …}}'
             raise ConfigError(f"clear {show(content)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}")
@@ -244,7 +246,7 @@ class Operator:
             self._send(dict.fromkeys(self._signals), 0.0)
         return f"clear {content}"
 
-    def _mend(self, one: Mapping[str, object]) -> str:
+    def _clear_fault(self, one: Mapping[str, object]) -> str:
         found = [
             which
             for which, (_, content) in self._faults.items()
@@ -258,6 +260,7 @@ class Operator:
         return f"clear fault {_words(one)}"
 
     def _inject(self, faults: dict[Which, Broken]) -> None:
+        """Put these faults in force in place of all before. Raises ConfigError, and changes nothing then."""
         self._target.inject([each.fault for each in faults.values()])
         self._faults = faults
 

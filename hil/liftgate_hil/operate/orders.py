@@ -89,6 +89,7 @@ class Orders:
                 self._tell(self.count, f"{time:.3f} s: {name}: {done}")
 
     def _refuse(self, name: str, time: float, error: ConfigError) -> None:
+        """Count an order from the message `name` as refused, and report why."""
         self.refused += 1
         why = "; ".join(
             each.removeprefix(": ").removeprefix("`fault`.").removeprefix("`fault`: ") for each in error.issues
@@ -111,7 +112,7 @@ class Orders:
             self._buttons.request(action, now)
             return f"request {action}"
         if what in (FAULT, BABBLING):
-            return self._fault(what, content, now)
+            return self._order_fault(what, content, now)
         name, value = content["name"].label, content["value"].number
         if name not in order.labels:
             raise ConfigError(f"signal {name}; allowed: {', '.join(order.labels)}")
@@ -123,7 +124,8 @@ class Orders:
         self._buttons.forget(name)
         return f"{name} = {_short(value)}"
 
-    def _fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
+    def _order_fault(self, what: str, content: Mapping[str, Decoded], now: float) -> str:
+        """Begin, change or end faults; return that as text; "": all is as ordered already. Raises ConfigError."""
         is_on = content["on"].number != 0.0
         if what == FAULT and content["kind"].label == NOTHING:
             if is_on:

@@ -19,7 +19,7 @@ def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str
     The first 51 faults have a column, `fault.KIND` or `fault.KIND.WHERE`; that of a later fault alike has its
     number: `fault.KIND.WHERE.2`. One for all others follows where they may be injected meanwhile (`is_open`).
     """
-    known = dict(zip(_names(faults), (1 << place for place in range(MOST_FAULTS)), strict=False))
+    known = dict(zip(_column_names(faults), (1 << place for place in range(MOST_FAULTS)), strict=False))
     return known | ({INJECTED: 1 << MOST_FAULTS} if is_open else {})
 
 
@@ -27,11 +27,12 @@ def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, object]]
     """Return a scenario's faults by the names of their columns: kind, place, and the keys of the kind."""
     return {
         name: {"kind": each.kind, "where": each.where, **each.values}
-        for name, each in zip(_names(faults), faults, strict=True)
+        for name, each in zip(_column_names(faults), faults, strict=True)
     }
 
 
-def _names(faults: Sequence[Fault]) -> list[str]:
+def _column_names(faults: Sequence[Fault]) -> list[str]:
+    """Return the column name of each fault; of faults alike the second has the suffix `.2`, and so on."""
     names: list[str] = []
     for each in faults:
         plain = FAULT_PREFIX + ".".join(filter(None, (each.kind, each.where)))

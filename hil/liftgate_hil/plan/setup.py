@@ -157,7 +157,7 @@ class Setup:
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return this setup with another scenario and vehicle; None: the scenario's value. Raises ConfigError."""
+        """Return this setup with another scenario and vehicle; None: the scenario's own. Raises ConfigError."""
         return replace(
             self,
             scenario=scenario,

@@ -79,7 +79,7 @@ def opening_of(rig: Rig, has_operator: bool) -> Opening:
 
 
 def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
-    """Return a scenario's requests as presses of the rig's buttons, which are released before.
+    """Return a scenario's requests as presses of the rig's buttons, all of which are released at the start.
 
     Raises ConfigError for a request that the rig has no button for.
     """
@@ -162,7 +162,7 @@ def offline_of(setup: Setup, step: float) -> Offline:
 
 
 def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Return timed requests to an ECU whose gate is in another process. Raises ConfigError for conditions."""
+    """Return the tables of timed requests for an ECU without its gate. Raises ConfigError for conditions."""
     issues = ConfigIssues("")
     for each in requests:
         if each.when.condition:
@@ -182,6 +182,7 @@ def _stimuli(
     reset: bytes = b"",
     opening: Opening = CLOSED,
 ) -> StimulusPlan:
+    """Build the stimulus plan; `reset` is the tester's ECUReset, b"": none. Raises ConfigError with all issues."""
     issues = ConfigIssues(scenario.source)
     restbus = dict.fromkeys(each.signal.partition(".")[0] for each in scenario.signals)
     injections = _injections(scenario.faults, vehicle, rig, issues, restbus)
@@ -215,7 +216,7 @@ def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: by
 def _conditions(
     scenario: Scenario, vehicle: Vehicle, messages: Messages | None, issues: ConfigIssues
 ) -> Callable[[Instant], Condition]:
-    """Return a function that returns the parsed condition of a scenario's instant."""
+    """Return the function that parses an instant's condition, and adds what is wrong with it to `issues`."""
 
     def made(instant: Instant) -> Condition:
         try:
@@ -237,7 +238,7 @@ def injections_of(
     restbus: Collection[str] = (),
     beside: Sequence[Fault] = (),
 ) -> list[Injection]:
-    """Return the injections of faults beside others; `restbus` names its messages. Raises ConfigError."""
+    """Return the injections of faults acting with those `beside`; `restbus`: message names. Raises ConfigError."""
     issues = ConfigIssues("")
     found = _injections([*beside, *faults], vehicle, rig, issues, restbus)
     issues.raise_if_any()
@@ -305,8 +306,8 @@ def _is_in_force_with(other: Fault, fault: Fault) -> bool:
     ramp, own_ramp = (float(each.values.get("ramp_s") or 0.0) for each in (other, fault))
     is_timed = not (starts.condition or ends.condition or fault.start.condition)
     begins_before = is_timed and starts.time + ramp <= fault.start.time
-    begins_with = _is_same(starts, fault.start) and ramp == own_ramp
-    lasts = ends == NEVER or _is_same(ends, fault.end)
+    begins_with = _is_same_instant(starts, fault.start) and ramp == own_ramp
+    lasts = ends == NEVER or _is_same_instant(ends, fault.end)
     if not lasts and not (ends.condition or fault.end.condition):
         lasts = ends.time >= fault.end.time
     is_steady = other.period == 0.0 or other.share >= 1.0
@@ -316,7 +317,7 @@ def _is_in_force_with(other: Fault, fault: Fault) -> bool:
     return is_steady and (begins_with or begins_before) and lasts
 
 
-def _is_same(one: Instant, other: Instant) -> bool:
+def _is_same_instant(one: Instant, other: Instant) -> bool:
     return (one.time, one.condition, one.delay) == (other.time, other.condition, other.delay)
 
 

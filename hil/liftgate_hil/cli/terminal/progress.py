@@ -20,7 +20,7 @@ _ROOMY = 50  # columns from which there is room for a bar beside everything else
 
 
 class ProgressDisplay:
-    """Progress of one task: a live display on a terminal, else a line every PLAIN_S, if there is `plain`.
+    """Progress of one task: a live display on a terminal, else a line to `plain`, if given, every PLAIN_S.
 
     As a context the picture is drawn a few times a second, also while nothing is reported; else only with its
     updates, as the lines are. A picture leaves nothing behind.
@@ -82,6 +82,7 @@ class ProgressDisplay:
                 self._screen.show(self, self._picture)
 
     def _say_plainly(self, now: float) -> None:
+        """Print the progress as a line, if PLAIN_S have passed since the last one, unless the task is complete."""
         if self._plain is None or now < self._next_plain or self._has_ended.is_set():
             return
         self._next_plain = now + PLAIN_S

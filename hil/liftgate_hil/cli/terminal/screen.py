@@ -58,7 +58,7 @@ class Screen:
             self._console = Console(file=file, force_terminal=True, markup=False, highlight=False)
 
     def show(self, owner: object, picture: Picture) -> None:
-        """Add or replace the picture of `owner`, and draw the picture that was added last."""
+        """Add or replace `owner`'s picture, a function of the width, and draw the picture that was added last."""
         if not self.is_there:
             return
         self.prepare()
@@ -94,7 +94,7 @@ class Screen:
                 self._write(self._drawn())
 
     def lend(self) -> None:
-        """Note that a child process may draw its own picture here, and may end without removing it."""
+        """Have the next output erase what is below it, as a child process may have left its own picture here."""
         self._is_dirty = True
 
     def _drawn(self, is_erased: bool = False) -> str:

@@ -29,7 +29,7 @@ def hold_descriptors() -> None:
 
 
 def written() -> str:
-    """Flush stdout; return the reason if that fails, else ""."""
+    """Flush stdout; return why that fails; "": it succeeds, or its reader has gone."""
     stdout: Any = sys.stdout  # None where it is closed
     try:
         if stdout is not None:

@@ -37,11 +37,11 @@ class QuietListener(Listener):
         self._teller.say(text)
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Pass the progress of a compilation on."""
+        """Show the progress of a compilation on the terminal."""
         self._teller.compiles(name, seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """Pass the end of a compilation on."""
+        """Show on the terminal that a compilation has ended."""
         self._teller.compiled(name, seconds)
 
 
@@ -67,7 +67,7 @@ class SuiteTeller(SuiteListener):
         return as_flags(text)
 
     def say(self, text: str) -> None:
-        """Print a message."""
+        """Print a message to stderr, unless quiet."""
         self._teller.say(text)
 
     def stopped(self) -> bool:
@@ -75,11 +75,11 @@ class SuiteTeller(SuiteListener):
         return self._stop()
 
     def put(self, text: str) -> None:
-        """Print a report."""
+        """Print a whole report to stdout. Raises as `Output.raise_if_lost`."""
         put_whole(text)
 
     def phase(self, name: str) -> ProgressDisplay:
-        """Return the progress of a phase, as a context."""
+        """Return the progress display of a phase of the suite, to be used as a context."""
         self._progress = self._teller.progress(name)
         return self._progress
 
@@ -136,7 +136,7 @@ class SuiteTeller(SuiteListener):
             self._progress.update(len(self._outcomes), len(self._cases), self.line())
 
     def _lines(self, outcome: Outcome, done: int) -> list[str]:
-        """Return the printed lines on a scenario: its verdict, its expectations and notes."""
+        """Return the printed lines on a scenario, the `done`-th of all: verdict, expectations and notes."""
         if self._is_quiet and outcome.verdict == PASS:
             return []
         lines = [f"[{done}/{len(self._cases)}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
@@ -175,7 +175,7 @@ class JudgeTeller(SuiteTeller):
             self._progress.update(done, count, f"{done}/{count} runs" if count > 1 else "")
 
     def _judged_lines(self, outcome: Outcome, is_named: bool) -> list[str]:
-        """Return the printed lines on the verdicts of a recorded run."""
+        """Return the printed lines on a recorded run's verdicts; `is_named`: below a line that names its files."""
         indent, lines = "    " if is_named else "", list[str]()
         if is_named and not (self._is_quiet and outcome.verdict == PASS):
             lines.append(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
@@ -194,7 +194,7 @@ def _fit_of(case: Case) -> list[str]:
 
 
 def summary_of(outcomes: Sequence[Outcome], what: str) -> list[str]:
-    """Return the last line of output: how many expectations have which verdict.
+    """Return a list with the last line of output: how many expectations have which verdict.
 
     `what` names what was judged, in the plural: "scenarios", "recordings".
     """

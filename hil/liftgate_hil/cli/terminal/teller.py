@@ -17,7 +17,7 @@ _EVERY_S = 0.2  # between two drawings of the panel
 
 
 class Teller(Listener):
-    """Listener that prints to stderr unless quiet; where the summary is JSON, it prints only errors."""
+    """Listener that prints to stderr unless quiet; where the summary is JSON, no events and no progress."""
 
     def __init__(
         self,

@@ -107,6 +107,7 @@ def _short(value: object) -> str:
 
 
 def _when(instant: Instant) -> str:
+    """Return as text, after a comma, when something begins: a time, or a condition and a delay."""
     if not instant.condition:
         return f", {instant.time:g} s"
     later = f" and {instant.delay:g} s more" if instant.delay else ""
@@ -128,16 +129,16 @@ def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> Mapping[str, object]:
     requests = list(REQUESTS) if has_ecu else buttons
     usual = usual_obstacle(setup.vehicle.gate.length)
     return {
-        "obstacle": {name: {**_of(each), "default": usual.get(name)} for name, each in OBSTACLE.items()},
-        "set": {name: _of(each) for name, each in PROFILES.items()},
-        "fault": {name: _kind(each, setup, rig) for name, each in FAULT_KINDS.items()},
-        "signal": {name: _signal(rig, name) for name in rig.sendable},
+        "obstacle": {name: {**_quantity(each), "default": usual.get(name)} for name, each in OBSTACLE.items()},
+        "set": {name: _quantity(each) for name, each in PROFILES.items()},
+        "fault": {name: _fault_kind(each, setup, rig) for name, each in FAULT_KINDS.items()},
+        "signal": {name: _restbus_signal(rig, name) for name in rig.sendable},
         "request": requests,
         "record": list(RECORDED),
     }
 
 
-def _of(signal: Signal) -> Mapping[str, object]:
+def _quantity(signal: Signal) -> Mapping[str, object]:
     return {
         "unit": signal.unit,
         "low": signal.low,
@@ -147,17 +148,18 @@ def _of(signal: Signal) -> Mapping[str, object]:
     }
 
 
-def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> Mapping[str, object]:
+def _fault_kind(kind: FaultKind, setup: Setup, rig: Rig) -> Mapping[str, object]:
+    """Return a kind of faults as clients see it: meaning, group, places, and keys with their ranges."""
     places: list[str] = []
     if kind.of == DRIVE:
         places = list(WHERE) if setup.vehicle.drives == 2 else ["left"]
     elif kind.of == MESSAGE:
         places = list(dict.fromkeys([*rig.mapped, *(each.partition(".")[0] for each in rig.sendable)]))
-    keys = {each.name: _key(each) for each in kind.keys}
+    keys = {each.name: _fault_key(each) for each in kind.keys}
     return {"meaning": kind.meaning, "group": kind.group, "of": kind.of, "where": places, "keys": keys}
 
 
-def _key(key: Field) -> Mapping[str, object]:
+def _fault_key(key: Field) -> Mapping[str, object]:
     kind = key.kind
     content: dict[str, object] = {"meaning": key.meaning, "allowed": kind.allowed, "labels": [], "unit": ""}
     if isinstance(kind, Number | Whole):
@@ -168,7 +170,7 @@ def _key(key: Field) -> Mapping[str, object]:
     return content
 
 
-def _signal(rig: Rig, name: str) -> Mapping[str, object]:
+def _restbus_signal(rig: Rig, name: str) -> Mapping[str, object]:
     message, _, signal = name.partition(".")
     found = rig.messages[message].get_signal_by_name(signal)
     low, high = physical_range(found)

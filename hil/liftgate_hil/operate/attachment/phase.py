@@ -25,21 +25,21 @@ class PhaseTracker:
         self._missed_at = self._looked_at = -1e9
 
     def is_ready(self) -> None:
-        """Note that the run is ready: all is compiled and open."""
+        """Set the phase to READY: all is compiled and open."""
         self._phase, self._looked_at = READY, self._now()
 
     def runs(self, overruns: int) -> None:
-        """Note that the loop runs, with the number of ticks that it has missed so far."""
+        """Set the phase to RUNNING, for 2 s LATE if `overruns`, the number of missed ticks so far, has grown."""
         if overruns > self._overruns:
             self._overruns, self._missed_at = overruns, self._now()
         self._phase = RUNNING
 
     def looked(self) -> None:
-        """Note that the thread which executes commands has had a turn."""
+        """Store the time of the last turn of the thread that executes commands."""
         self._looked_at = self._now()
 
     def has_ended(self) -> None:
-        """Note that the run has ended."""
+        """Set the phase to ENDED."""
         self._phase = ENDED
 
     @property

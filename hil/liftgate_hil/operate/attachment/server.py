@@ -108,7 +108,7 @@ class Server(Relay):
         self.listener.status(status)
 
     def ready(self) -> None:
-        """Note that the run is ready to begin, and forward it."""
+        """Set the phase that clients see to READY, and forward the report."""
         self._phases.is_ready()
         self.listener.ready()
 
