@@ -77,7 +77,7 @@ def raw_range(signal: Signal) -> tuple[float, float]:
 
 
 def physical_range(signal: Signal) -> tuple[float, float]:
-    """Return lowest and highest physical value: by the database's range, if any, and by what the bits hold."""
+    """Return a signal's lowest and highest physical value by the database's range, if any, and by its bits."""
     factor, offset = _conversion(signal)
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)

@@ -47,7 +47,6 @@ def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditi
 
 @functools.lru_cache(_KEPT)
 def _table_of(conditions: tuple[Condition, ...], signals: tuple[str, ...]) -> Conditions:
-    """Return the same as `table_of`, cached by its arguments."""
     rows: list[tuple[int, int, float]] = []
     begins = [0]
     for condition in conditions:

@@ -88,11 +88,11 @@ def _parsed(
 
 
 class _NoSuchSignalError(ValueError):
-    """Raised for a signal, named in the message, that the database does not have."""
+    """Raised for a signal that the database does not have; the exception's text is its name."""
 
 
 class _NoSuchColumnError(ValueError):
-    """Raised for a name, given in the message, that is no column."""
+    """Raised for a name that is no column; the exception's text is the name."""
 
 
 class _Part(NamedTuple):
