@@ -36,7 +36,7 @@ class BitPlace(NamedTuple):
 
 @compilable
 def place_at(places: Any, row: int) -> BitPlace:
-    """Return the BitPlace in a row of a table of places."""
+    """Return the row `row` of a table of dtype tables.PLACE as a BitPlace."""
     place = places[row]
     return BitPlace(place.byte, place.shift, place.length, place.stride, place.kind)
 
@@ -55,7 +55,7 @@ def extract(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: in
 
 @compilable
 def insert(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int, raw: int) -> None:
-    """Write up to 32 bits into a frame (row of `data`), leaving the other bits unchanged."""
+    """Write the lowest `length` (up to 32) bits of `raw` into a frame (row of `data`); other bits remain."""
     left = length
     while left > 0:
         take = min(8 - shift, left)
@@ -84,7 +84,7 @@ def extract_long(data: NDArray[np.uint8], row: int, place: BitPlace) -> int:
 
 @outlined
 def insert_long(data: NDArray[np.uint8], row: int, place: BitPlace, raw: int) -> None:
-    """Write up to 64 bits into a frame (row of `data`), leaving the other bits unchanged; see `extract_long`."""
+    """Write up to 64 bits, `raw`, into a frame (row of `data`), leaving other bits as is; see `extract_long`."""
     first = min(place.length, 32)
     insert(data, row, place.byte, place.shift, first, place.stride, raw & 0xFFFFFFFF)
     if place.length > 32:
@@ -103,7 +103,7 @@ def joined(high: int, low: int) -> int:
 
 @outlined
 def read_number(data: NDArray[np.uint8], row: int, place: BitPlace) -> float:
-    """Return a signal's raw value as a number (exact up to 53 bits)."""
+    """Return a signal's raw value in a frame (row of `data`) as a float, exact up to 53 bits."""
     length = place.length
     if length <= 32:
         value = extract(data, row, place.byte, place.shift, length, place.stride)
@@ -124,7 +124,7 @@ def read_number(data: NDArray[np.uint8], row: int, place: BitPlace) -> float:
 
 @compilable
 def write_number(data: NDArray[np.uint8], row: int, place: BitPlace, value: float) -> None:
-    """Write a signal's raw value into a frame: an integer within the signal's range, or any float."""
+    """Write a signal's raw value into a frame (row of `data`): an integer that fits its bits, or any float."""
     length = place.length
     if place.kind == FLOAT32:
         word = int(np.int64(np.float32(value).view(np.uint32)))

@@ -49,7 +49,7 @@ class SignalMapping:
     saturates: bool = False
 
     def quantity_range(self, signal: Signal) -> tuple[float, float]:
-        """Return the range of the database's signal in the quantity's unit."""
+        """Return lowest and highest value of the signal by `physical_range`, in the quantity's unit."""
         ends = [self.scale * end + self.offset for end in physical_range(signal)]
         return min(ends), max(ends)
 
@@ -61,12 +61,12 @@ def mapping_named(name: str) -> SignalMapping:
 
 
 def identifier_of(message: Message) -> int:
-    """Return a message's identifier, with SocketCAN's flag if it is extended."""
+    """Return a message's identifier, with SocketCAN's flag EXTENDED if it is extended."""
     return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
-    """Return the range of raw values that a signal's bits can hold."""
+    """Return the lowest and the highest raw value that a signal's bits can hold."""
     if signal.is_float:
         top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
         return -top, top
@@ -77,7 +77,7 @@ def raw_range(signal: Signal) -> tuple[float, float]:
 
 
 def physical_range(signal: Signal) -> tuple[float, float]:
-    """Return the database's range of a signal limited to what its bits hold, or the bits' range without one."""
+    """Return a signal's lowest and highest physical value by the database's range, if any, and by its bits."""
     factor, offset = _conversion(signal)
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
@@ -178,6 +178,7 @@ def tables_named(
 
 
 def _conversion(signal: Signal) -> tuple[float, float]:
+    """Return factor and offset of a signal: physical value = factor · raw value + offset."""
     return float(signal.scale), float(signal.offset)
 
 
@@ -223,6 +224,7 @@ def _check_overlap(
 
 
 def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> dict[str, float]:
+    """Return the columns of tables.SIGNAL for a signal's conversion and ranges, by column name."""
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
@@ -268,6 +270,7 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[BitPlace, i
 def _message_row(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
+    """Return a message's columns of tables.MESSAGE except pages and signals; places they need go to `tables`."""
     cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
     return {
         "identifier": identifier_of(message),
@@ -295,7 +298,7 @@ def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8
 
 
 def raw_start(signal: Signal) -> float:
-    """Return a signal's raw start value (GenSigStartValue); 0 if the database has none."""
+    """Return a signal's raw start value (GenSigStartValue), limited to its bits; 0 if the database has none."""
     raw = signal.raw_initial
     if raw is None or isinstance(raw, str):
         return 0.0
@@ -312,7 +315,7 @@ MAX_PAGES = 62  # bits used of SIGNAL's `pages`
 
 
 def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
-    """Return the alternative sets of multiplexer values, by name, with which a signal is in the frame."""
+    """Return the sets of values, by multiplexer, with which a signal is in the frame; [{}]: it always is."""
     found = message.get_signal_by_name(signal)
     if found.multiplexer_signal is None or not found.multiplexer_ids:
         return [{}]
@@ -324,7 +327,7 @@ def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
 
 
 def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
-    """Return a message's pages: the sets of multiplexer values with which it is sent in turn.
+    """Return a message's pages, sent in turn: sets of values by multiplexer; [{}] if nothing is multiplexed.
 
     Each mapped signal is on at least one page.
     """
@@ -353,4 +356,5 @@ def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
 
 
 def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
+    """Whether a page has another value than `chain` for one of its multiplexers."""
     return any(page.get(name, value) != value for name, value in chain.items())

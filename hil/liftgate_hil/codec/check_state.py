@@ -34,7 +34,7 @@ _OTHER, _OK, _ERROR = range(3)
 
 @compilable
 def missing(last: int, counter: int, modulus: int) -> int:
-    """Return the number of frames missing between two counter values."""
+    """Return how many frames are missing between two turns of a counter that repeats after `modulus` turns."""
     return (counter - last - 1) % modulus
 
 
@@ -97,7 +97,7 @@ def checked(
 
 @compilable
 def is_qualified(memory: NDArray[np.int64], status: int) -> bool:
-    """Whether the data of an E2E-protected frame may be used, after `checked`."""
+    """Whether the data of an E2E-protected frame may be used; `status` is what `checked` returned for it."""
     return bool(memory[STATE] == VALID and status != SYNCHRONISING)
 
 

@@ -28,7 +28,7 @@ DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble":
 
 
 def _table(polynomial: int, kind: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
-    """Return the lookup table (256,) of a CRC: its register after each byte, from 0."""
+    """Return the lookup table (256,) of a CRC, highest bit first: its register after each byte, from 0."""
     table = np.zeros(256, dtype=kind)
     bits = 8 * table.itemsize
     for index in range(256):
@@ -64,7 +64,7 @@ def crc16_byte(crc: int, byte: int) -> int:
 
 @compilable
 def profile_1(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """Return the CRC-8 of E2E profile 1 over data ID and data.
+    """Return the CRC-8 of E2E profile 1 over the data ID and the payload without the CRC's byte.
 
     It has SAE J1850's polynomial, and initial value and final XOR 0.
     """
@@ -160,7 +160,7 @@ def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int)
 
 @compilable
 def write_checksum(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int) -> None:
-    """Write a given checksum into a frame."""
+    """Write the checksum `value` into a frame (row of `data`), whose message must have a checksum signal."""
     insert_long(data, row, place_at(bus.places, bus.messages[message].checksum), value)
 
 

@@ -84,7 +84,7 @@ def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
 
 
 def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
-    """Return the signals of a message that its protection or its multiplexer sets."""
+    """Return the names of a message's multiplexers and of its protection's signals, which nobody else sets."""
     own = options or MessageOptions()
     nibble = own.e2e.nibble if own.e2e else None
     multiplexers = [each.name for each in message.signals if each.is_multiplexer]
@@ -94,7 +94,7 @@ def signals_made(message: Message, options: MessageOptions | None) -> set[str]:
 def protection_row(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns of a message's row that describe its protection by counter and checksum.
+    """Return a message's columns of tables.MESSAGE for counter and checksum; rows they need go to `tables`.
 
     The checksum is simple, defined by parameters, or an E2E profile's. What does not fit is noted in `issues`.
     """

@@ -100,13 +100,13 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
 
 @compilable
 def rejected(counts: Counts) -> int:
-    """Return the number of rejected frames of mapped messages."""
+    """Return the number of rejected frames of mapped messages; unqualified ones are not among them."""
     return counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
 
 
 @compilable
 def find_message(bus: BusConfig, identifier: int) -> int:
-    """Return the table row of the message with this identifier, or -1."""
+    """Return the table row of the message with this identifier, EXTENDED flag included; -1: none."""
     for row in range(len(bus.messages)):
         if bus.messages[row].identifier == identifier:
             return row
@@ -144,7 +144,7 @@ def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether a multiplexed signal is in this frame, by the values of its multiplexers."""
+    """Whether the signal in `row` is in a frame (row of `data`), by the values of its multiplexers there."""
     signal = bus.signals[row]
     for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
         selector = bus.selectors[level]
@@ -155,13 +155,13 @@ def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> b
 
 @compilable
 def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
-    """Return the alive counter's raw value in a frame."""
+    """Return the raw value of the alive counter in a frame; its message must have one."""
     return extract_long(data, frame, place_at(bus.places, bus.messages[message].counter))
 
 
 @outlined
 def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether the nibble of the data ID in a frame of E2E profile 1 is that of its message."""
+    """Whether the data ID's nibble in a frame of E2E profile 1 is right; true if none is transmitted."""
     if profile.nibble < 0:
         return True
     sent = read_number(data, frame, place_at(places, profile.nibble))
@@ -172,7 +172,7 @@ def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) 
 def check(
     bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
-    """Return (cause, number of lost frames) by checksum and counter, and note the findings in `current`."""
+    """Check checksum and counter of a frame, note what is found in `current`; return (cause, lost frames)."""
     table, memory = bus.messages[message], current.memory[message]
     counter, turn = 0, -1
     if table.counter >= 0:
@@ -256,7 +256,7 @@ def judge(
 
 @compilable
 def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.float64]) -> None:
-    """Store the quantities of an accepted frame in the reception state."""
+    """Store the values `read` of an accepted frame in the reception state; NaN leaves the former value."""
     table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(read[row]):
@@ -265,7 +265,7 @@ def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.floa
 
 @compilable
 def counted(counts: Counts, cause: int, lost: int) -> Counts:
-    """Return the counts of received frames with one more frame of a given outcome."""
+    """Return `counts` with one more frame of a cause (see refusals.py) and `lost` more lost frames."""
     return Counts(
         counts.accepted + int(cause == ACCEPTED),
         counts.foreign + int(cause == FOREIGN),
@@ -305,7 +305,7 @@ def receive(bus: BusConfig, reception: Reception, counts: Counts, frames: Frames
 
 @compilable
 def note_stale_time(bus: BusConfig, reception: Reception) -> None:
-    """Note in the reception state when the first message goes stale."""
+    """Note in the reception state at what time the first message goes stale (`stale_ns`)."""
     first = _NEVER
     for message in range(len(bus.messages)):
         limit = bus.messages[message].timeout_ns
@@ -353,7 +353,7 @@ def backdate(
 
 @compilable
 def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
-    """Whether a frame has waited longer than its message's time-out, so that its values are out of date."""
+    """Whether a frame is older than its message's time-out; false if that is unmapped or never times out."""
     message = find_message(bus, identifier & ~FD_FLAGS)
     if message < 0:
         return False

@@ -39,7 +39,7 @@ REFUSAL = np.dtype(
 
 
 def no_refusals() -> Any:
-    """Return the empty array (10,) REFUSAL by cause, and FD_FRAME; written in place."""
+    """Return an array (10,) of REFUSAL without refusals, a row per cause and for FD_FRAME; written in place."""
     return np.zeros(_ROWS, dtype=REFUSAL).view(np.recarray)
 
 

@@ -30,7 +30,7 @@ _MIRRORED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype
 
 @dataclass(frozen=True)
 class Covered:
-    """Bytes covered by a checksum, from `first` to `last`; the order may be descending.
+    """Bytes covered by a checksum, from `first` to `last`, both included; the order may be descending.
 
     Bytes of the payload are numbered from the start of the frame, those of a number from its least significant
     byte.
@@ -104,7 +104,7 @@ def _signed(value: int) -> int:
 
 
 def _table(polynomial: int) -> NDArray[np.int64]:
-    """Return the table (256,) of a reflected CRC: the register after each byte, from 0; mirrored `polynomial`."""
+    """Return the lookup table (256,) of a CRC, lowest bit first, by its mirrored polynomial; two's complement."""
     table = np.zeros(256, dtype=np.int64)
     for index in range(256):
         crc = index
@@ -146,7 +146,7 @@ def rocksoft(own: Any, places: Any, data: NDArray[np.uint8], row: int) -> int:
 
 @compilable
 def mirrored(value: int) -> int:
-    """Return a 64-bit number with the order of its bits reversed."""
+    """Return a 64-bit number, given and returned as two's complement, with the order of its bits reversed."""
     high, low = 0, 0
     for byte in range(4):
         high = (high << 8) | int(_MIRRORED[(value >> (8 * byte)) & 0xFF])

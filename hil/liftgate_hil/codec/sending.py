@@ -82,12 +82,12 @@ def timeout_of(message: Message, options: MessageOptions) -> float:
 
 
 def needs_fd(message: Message) -> bool:
-    """Whether a message fits only a CAN FD frame, whatever format its database states."""
+    """Whether a message is sent in CAN FD frames: it has over 8 bytes, or the database says so."""
     return bool(message.is_fd) or message.length > 8
 
 
 def format_of(message: Message, options: MessageOptions) -> int:
-    """Return the flags of a message's frames: FD, and BRS if the rig or the database enables it.
+    """Return the flags of a message's frames: FD, and BRS if rig or database enable it; 0: classic CAN.
 
     A DBC enables BRS by the attribute CANFD_BRS, as in CANdb++.
     """

@@ -17,7 +17,7 @@ from liftgate_hil.codec.tables import BusConfig
 
 @compilable
 def raw_of(bus: BusConfig, row: int, value: float) -> float:
-    """Return the raw value nearest to a quantity's value, limited to the signal's range."""
+    """Return the raw value of the signal in `row` that is nearest to a quantity's value, limited to its range."""
     signal = bus.signals[row]
     physical = (value - signal.bias) / signal.scale
     for name in range(signal.names_first, signal.names_first + signal.names_count):
@@ -62,7 +62,7 @@ def encode(
 
 @outlined
 def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> None:
-    """Write the nibble of the data ID that E2E profile 1 transmits into a frame."""
+    """Write the data ID's nibble into a frame of E2E profile 1; do nothing if its message transmits none."""
     if profile.nibble >= 0:
         place = place_at(places, profile.nibble)
         write_number(data, row, place, float((profile.data_ids[0] >> 8) & 15))
@@ -105,7 +105,7 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
 
 @compilable
 def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
-    """Whether any message is due to be sent at a time."""
+    """Whether a message is to be sent now: with `everything`, or if one is due and the gate not silent."""
     return everything or (not is_silent and now_ns >= transmission.next_ns[0])
 
 

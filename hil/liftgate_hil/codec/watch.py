@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def watched(messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues) -> BusConfig:
-    """Return the tables of the watched signals (`Message.Signal`) that exist; values are ordered as `names`."""
+    """Return the tables of watched signals (`Message.Signal`), which must exist; values are ordered as `names`."""
     return tables_named(messages, names, {}, issues, False)
 
 

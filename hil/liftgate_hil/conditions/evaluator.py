@@ -65,7 +65,7 @@ def _table_of(conditions: tuple[Condition, ...], signals: tuple[str, ...]) -> Co
 
 
 def _join_last(rows: list[tuple[int, int, float]]) -> None:
-    """Merge a comparison of a column with a number, the last three rows, into one row."""
+    """Merge the last three rows into one if they are the comparison of a column with a number."""
     if len(rows) < 3:
         return
     column, number, comparison = rows[-3:]
@@ -84,7 +84,7 @@ def work_for(ticks: int) -> Work:
 
 @compilable
 def calculated(code: int, a: float, b: float) -> float:
-    """Return the result of an arithmetic operation of a condition; NaN for a division by 0."""
+    """Return the result of the operation ADD, SUB, MUL or DIV of a condition; NaN for a division by 0."""
     if code == codes.ADD:
         return a + b
     if code == codes.SUB:
@@ -114,7 +114,7 @@ def compared(code: int, a: float, b: float) -> tuple[bool, float]:
 
 @compilable
 def join(code: int, work: Work, low: int, ticks: int) -> None:
-    """Combine the rows `low` and `low` + 1 of the work by `and` or `or`; the result goes to `low`."""
+    """Combine the rows `low` and `low` + 1 of the work by `code`, AND or OR; the result goes to `low`."""
     numbers, truths, deciders = work
     high = low + 1
     for i in range(ticks):

@@ -39,7 +39,7 @@ _TOKEN = re.compile(
 
 
 def parsed(text: str, parameters: Mapping[str, float], messages: Messages | None = None) -> Condition:
-    """Parse and validate the text of a condition.
+    """Parse and validate the text of a condition; each `$name` in it gets its value in `parameters`.
 
     `messages` are the rig's database's; None: not known yet, so that the condition may refer to any signal.
 
@@ -88,11 +88,11 @@ def _parsed(
 
 
 class _NoSuchSignalError(ValueError):
-    """Raised for a signal, named in the message, that the database does not have."""
+    """Raised for a signal that the database does not have; the exception's text is its name."""
 
 
 class _NoSuchColumnError(ValueError):
-    """Raised for a name, given in the message, that is no column."""
+    """Raised for a name that is no column; the exception's text is the name."""
 
 
 class _Part(NamedTuple):
@@ -117,9 +117,10 @@ class _Parser:
     stack: int = 0
 
     def condition(self) -> Condition:
+        """Return the condition of the whole text. Raises ValueError as `parsed` does."""
         if len(self.text) > _LONGEST:
             raise ValueError(f"{len(self.text)} characters; allowed: up to {_LONGEST}")
-        self._read()
+        self._tokenize()
         part = self._either()
         kind = self._here()[0]
         if kind != "end":
@@ -130,7 +131,8 @@ class _Parser:
             raise ValueError(f"{self.text!r} is not a comparison; allowed: a comparison, e.g. gate_angle_deg > 20")
         return Condition(self.text, tuple(self.ops), tuple(self.units))
 
-    def _read(self) -> None:
+    def _tokenize(self) -> None:
+        """Split the text into `tokens`. Raises ValueError."""
         place, text = 0, self.text
         while text[place:].strip():
             found = _TOKEN.match(text, place)
@@ -152,6 +154,7 @@ class _Parser:
         self.tokens.append(("end", "the condition ends", len(text) + 1))
 
     def _here(self) -> tuple[str, str, int]:
+        """Return the next token, which is not consumed: its kind, its text and its position."""
         return self.tokens[self.next]
 
     def _is(self, token: str) -> bool:
@@ -162,11 +165,13 @@ class _Parser:
         return True
 
     def _wrong(self, allowed: str) -> None:
+        """Raise ValueError about the next token; `allowed` says what may stand there."""
         kind, token, place = self._here()
         where = "" if kind == "end" else f" at character {place}"
         raise ValueError(f"{token}{where}; allowed: {allowed}")
 
-    def _put(self, code: int, what: str | float = 0.0) -> None:
+    def _append(self, code: int, what: str | float = 0.0) -> None:
+        """Append an operation; raise ValueError if the evaluator's stack is too small for it."""
         self.ops.append((code, what))
         if code <= codes.SIGNAL:
             self.stack += 1
@@ -182,16 +187,18 @@ class _Parser:
         return self._joined(self._negated, "and", codes.AND)
 
     def _joined(self, part: Callable[[], _Part], word: str, code: int) -> _Part:
+        """Parse operands, each read by `part()`, with `word` (and, or) between them; `code` is its operation."""
         place = self._here()[2]
         left = part()
         while self._is(word):
-            self._must(left, place, word)
+            self._check_truth(left, place, word)
             place = self._here()[2]
-            self._must(part(), place, word)
-            self._put(code)
+            self._check_truth(part(), place, word)
+            self._append(code)
         return left
 
-    def _must(self, part: _Part, place: int, word: str) -> None:
+    def _check_truth(self, part: _Part, place: int, word: str) -> None:
+        """Raise ValueError if `part`, an operand of `word`, is a number."""
         if not part.is_truth:
             raise ValueError(
                 f"at character {place}: a number beside `{word}`; allowed: a comparison, e.g. gate_angle_deg > 20"
@@ -204,9 +211,9 @@ class _Parser:
         place = self._here()[2]
         part = self._comparison()
         if count:
-            self._must(part, place, "not")
+            self._check_truth(part, place, "not")
         for _ in range(count % 2):
-            self._put(codes.NOT)
+            self._append(codes.NOT)
         return part
 
     def _comparison(self) -> _Part:
@@ -220,15 +227,16 @@ class _Parser:
         number = len(self.units)
         self.units.append("")
         right = self._sum()
-        self._number(left, place)
-        self._number(right, right_place)
-        self._put(_COMPARISONS[token])
+        self._check_number(left, place)
+        self._check_number(right, right_place)
+        self._append(_COMPARISONS[token])
         self.units[number] = self._same_unit(left.unit, right.unit, token, at) or ""
         if self._here()[1] in _COMPARISONS:
             self._wrong("one comparison at a time, joined by and")
         return _Part(True)
 
-    def _number(self, part: _Part, place: int) -> None:
+    def _check_number(self, part: _Part, place: int) -> None:
+        """Raise ValueError if `part`, which must be a number, is a truth value."""
         if part.is_truth:
             raise ValueError(f"at character {place}: a comparison where a number is expected")
 
@@ -247,16 +255,17 @@ class _Parser:
         return self._arithmetic(self._signed, _PRODUCTS)
 
     def _arithmetic(self, part: Callable[[], _Part], signs: Mapping[str, int]) -> _Part:
+        """Parse operands, each read by `part()`, with `signs` between them: operation codes by sign."""
         place = self._here()[2]
         left = part()
         while self._here()[0] == "sign" and self._here()[1] in signs:
             _, token, at = self._here()
             self.next += 1
-            self._number(left, place)
+            self._check_number(left, place)
             right_place = self._here()[2]
             right = part()
-            self._number(right, right_place)
-            self._put(signs[token])
+            self._check_number(right, right_place)
+            self._append(signs[token])
             if token in _SUMS:
                 unit = self._same_unit(left.unit, right.unit, token, at)
             else:
@@ -270,8 +279,8 @@ class _Parser:
             negative ^= minus
         part = self._primary()
         if negative:
-            self._number(part, place)
-            self._put(codes.NEG)
+            self._check_number(part, place)
+            self._append(codes.NEG)
         return part
 
     def _primary(self) -> _Part:
@@ -285,8 +294,8 @@ class _Parser:
             self.next += 1
             place = self._here()[2]
             part = self._parenthesised()
-            self._number(part, place)
-            self._put(codes.ABS)
+            self._check_number(part, place)
+            self._append(codes.ABS)
             return part
         if token == "(":
             return self._parenthesised()
@@ -311,32 +320,34 @@ class _Parser:
             value = math.nan
         if not math.isfinite(value):
             raise ValueError(f"{token}; allowed: a finite number")
-        self._put(codes.CONST, value)
+        self._append(codes.CONST, value)
         return _Part(False)
 
     def _parameter_named(self, token: str) -> _Part:
         if token[1:] not in self.parameters:
             known = ", ".join(f"${name}" for name in self.parameters)
             raise ValueError(f"{token}: no such parameter; allowed: {known or 'none, there are no [parameters]'}")
-        self._put(codes.CONST, float(self.parameters[token[1:]]))
+        self._append(codes.CONST, float(self.parameters[token[1:]]))
         return _Part(False)
 
     def _name_named(self, token: str) -> _Part:
+        """Append a column or a bus signal. Raises _NoSuchColumnError or _NoSuchSignalError."""
         column = token.replace("sensed.", SENSED_PREFIX, 1) if token.startswith("sensed.") else token
         unit = unit_of_column(column)
         if unit is not None and ("." in token or not token.startswith(SENSED_PREFIX)):
-            self._put(codes.COLUMN, column)
+            self._append(codes.COLUMN, column)
             return _Part(False, unit)
         if "." in token and not token.startswith("sensed."):
             unit = self.signal_unit(token)
             if unit is not None:
-                self._put(codes.SIGNAL, token)
+                self._append(codes.SIGNAL, token)
                 return _Part(False, unit)
             raise _NoSuchSignalError(token)
         raise _NoSuchColumnError(token)
 
 
 def _product_unit(a: str | None, b: str | None, token: str) -> str | None:
+    """Return the unit of a product (`token` *) or quotient of values with units a and b; None: a plain number."""
     if token == "*":
         return f"{a} {b}" if a and b else a or b or (a if a is not None else b)
     if not b:

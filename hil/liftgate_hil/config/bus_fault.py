@@ -32,6 +32,7 @@ def located(fault: Fault, rig: Rig) -> Fault:
 
 
 def _direction_of(fault: Fault) -> int:
+    """Return the direction of a fault as bits SENT and RECEIVED; both if it states none."""
     return DIRECTIONS.get(fault.values.get("direction", ""), SENT | RECEIVED)
 
 

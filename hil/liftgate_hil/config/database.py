@@ -138,7 +138,7 @@ _FORMS = (
 
 
 def form_of(raw: bytes, kind: str) -> str:
-    """Return as text which other format a file with the suffix `kind` has; "": none is recognized."""
+    """Return as text which format a file of suffix `kind` has instead; "": none is recognized, or its own."""
     head = raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")
     for begin, called, ending in _FORMS:
         if re.match(begin, head, re.DOTALL | re.IGNORECASE):

@@ -44,7 +44,7 @@ _OF_VERSION_5 = (
 
 
 def kcd_remains(written: str) -> Remains:
-    """Return the readable messages of a KCD, those with errors left out. Raises an exception if there are none."""
+    """Return the readable messages of a KCD, without faulty ones. Raises exceptions if the rest is faulty."""
     root = ElementTree.fromstring(written)
     buses = [each for each in root.iter() if each.tag.endswith("}Bus")]
     messages = [(bus, each) for bus in buses for each in bus if each.tag.endswith("}Message")]
@@ -85,7 +85,7 @@ def as_sym_6(written: str) -> str:
 
 
 def sym_remains(written: str) -> Remains:
-    """Return the readable messages of a SYM, those with errors left out. Raises an exception if there are none.
+    """Return the readable messages of a SYM, without faulty ones. Raises exceptions if the rest is faulty.
 
     Sections with the same name in brackets are the multiplexed parts of one message.
     """
@@ -133,7 +133,11 @@ def _fill(
     attempt: Callable[[Sequence[Part]], list[Message]],
     name_of: Callable[[Part], str],
 ) -> Remains:
-    """Fill `remains` with the messages of readable parts, and with names and reasons of the refused parts."""
+    """Fill `remains` with the messages of readable parts, and with names and reasons of the refused parts.
+
+    `fault_of` returns what is too large in a part ("": nothing), `name_of` the name of its message;
+    `attempt` returns the messages of several parts, or raises.
+    """
     faults = {part: f"it is too large: {why}" for part in parts if (why := fault_of(part))}
     faults |= {
         part: reason_of(error) for part, error in refused([each for each in parts if each not in faults], attempt)
@@ -190,6 +194,7 @@ def _remains(written: str, kind: str, is_plain: bool) -> Remains:
 
 
 def _loose_remains(written: str, kind: str, is_plain: bool) -> Remains:
+    """Return the same as `_remains`, including messages whose signals overlap or do not fit."""
     if is_plain:
         try:
             return Remains(load_text(written, kind))
@@ -237,7 +242,7 @@ def _fault_of(message: Message) -> str:
 
 
 def _too_large_numbers(message: Message) -> Iterator[str]:
-    """Yield a message's factors, offsets, limits and label values that are too large for a float."""
+    """Yield a text on each factor, offset, limit and label value of a message that is too large for a float."""
     for signal in message.signals:
         for what, value in (
             ("factor", signal.scale),

@@ -86,7 +86,7 @@ def load_text(written: str, kind: str, is_strict: bool = False) -> list[Message]
 
 
 def reason_of(error: Exception) -> str:
-    """Return an exception of cantools on a message or file as text, the end of a sentence."""
+    """Return what an exception of cantools says of a message or file, as the end of a sentence for the user."""
     text = " ".join(str(error).split())
     for pattern, words in _REASONS:
         if found := re.search(pattern, text):
@@ -95,7 +95,7 @@ def reason_of(error: Exception) -> str:
 
 
 def refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Part, Exception]]:
-    """Yield the parts of a database that `attempt`, called with several, refuses, each with its exception.
+    """Yield each part of a database for which `attempt`, called with several parts, raises, with its exception.
 
     They are found by halves of blocks, so that the time grows with the parts, and with the faults among them.
     """
@@ -104,6 +104,7 @@ def refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Par
 
 
 def _refused(parts: Sequence[Part], attempt: Attempt[Part]) -> Iterator[tuple[Part, Exception]]:
+    """Yield what `refused` yields, found by halving the parts."""
     try:
         attempt(parts)
     except Exception as error:  # cantools passes on exceptions of any kind from its parsers

@@ -59,7 +59,7 @@ class Statement(NamedTuple):
 
     @property
     def attribute(self) -> str:
-        """Name of the attribute that a BA_, BA_DEF_ or BA_DEF_DEF_ statement is about."""
+        """Name of the attribute that a BA_, BA_DEF_ or BA_DEF_DEF_ statement is about; "": none."""
         found = _NAMED.match(self.text)
         return found[1] if found else ""
 
@@ -121,13 +121,13 @@ def _spans(written: str) -> Iterator[tuple[str, int, int]]:
             yield keyword, begin, at
             keyword, begin = "", at
         elif sign != ";" and not sign.startswith("//"):
-            yield from _before(written, keyword, begin, found.start())
+            yield from _span_of(written, keyword, begin, found.start())
             keyword, begin = sign.strip(), found.start()
-    yield from _before(written, keyword, begin, len(written))
+    yield from _span_of(written, keyword, begin, len(written))
 
 
-def _before(written: str, keyword: str, begin: int, end: int) -> Iterator[tuple[str, int, int]]:
-    """Yield the text between two statements as a statement without a keyword; nothing if it is only comments."""
+def _span_of(written: str, keyword: str, begin: int, end: int) -> Iterator[tuple[str, int, int]]:
+    """Yield a span as a statement (keyword, begin, end); without a keyword only if it is more than comments."""
     if keyword:
         yield keyword, begin, end
         return
@@ -205,7 +205,7 @@ _Attempt = Callable[[Sequence[MessageStatements]], list["Message"]]
 
 
 def dbc_remains(written: str) -> Remains:
-    """Return the readable messages of a DBC with faulty statements. Raises an exception if there are none."""
+    """Return the readable messages (perhaps none) of a DBC with faulty statements, and what was left out."""
     remains = Remains()
     statements = list(_understood([*statements_in(written)], remains))
     definitions = [each for name in _ATTRIBUTES for each in _definition(name, statements, remains)]
@@ -284,7 +284,7 @@ def _parse(statements: Sequence[Statement]) -> None:
 
 
 def _alone(statement: Statement) -> str:
-    """Return a DBC text with this statement alone, before and after which other statements are complete."""
+    """Return a DBC text of this statement alone, which cantools' grammar accepts if the statement is complete."""
     return (_HEAD if statement.keyword == "SG_" else "") + text_of([statement]) + "BS_:\n"
 
 
@@ -306,7 +306,7 @@ def _definition(name: str, statements: Sequence[Statement], remains: Remains) ->
 
 
 def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains) -> Iterator[MessageStatements]:
-    """Yield the statements of each message that is kept, except those that refer to missing ones."""
+    """Yield the statements of each kept message, but not those about missing signals, noted in `remains`."""
     for each in by_message(statements):
         if each.name in remains.left_out or each.name == _UNSIGNED:
             continue

@@ -62,7 +62,7 @@ class Field(NamedTuple):
 
     @property
     def default_text(self) -> str:
-        """The default of the field in words; "": there is none, or it says nothing."""
+        """The default of the field in words, or "required"; "": the default says nothing, as None does."""
         if self.default is REQUIRED and not self.default_words:
             return "required"
         if self.default_words or self.default is None or self.default == ():
@@ -130,7 +130,7 @@ class Record:
                 raise ConfigError(f"`{name}`{text}: allowed: together with `{needed}`")
 
     def replaced(self, **values: Any) -> Self:
-        """Return a copy of the record with other values of some fields."""
+        """Return a copy of the record with other values of some fields, which are not validated."""
         return type(self)(**{**self.__dict__, **values})
 
     def shared_with(self, other: type[Record]) -> dict[str, Any]:
@@ -218,7 +218,7 @@ class CommandFunction(Protocol[P, Request_contra, Result_co]):
 def command(
     request: Callable[P, Request_contra],
 ) -> Callable[[Callable[[Request_contra], Result_co]], CommandFunction[P, Request_contra, Result_co]]:
-    """Return a decorator: a function of a request also accepts the request's fields as arguments.
+    """Return a decorator: a function of a `request`, a class of records, also accepts its fields as arguments.
 
     The arguments are validated before the call, which raises ConfigError, and TypeError for arguments that do
     not fit. Signature and list of arguments in its docstring are those of the record.
@@ -277,7 +277,7 @@ def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Re
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return the values of a table by key; a missing key is noted as that issue only."""
+    """Return the values of a table by key; a missing required key is an issue, to which no other is added."""
     known_keys(issues, prefix, given, [each.name for each in fields])
     found: dict[str, Any] = {}
     for each in fields:

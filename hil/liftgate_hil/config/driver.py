@@ -132,6 +132,7 @@ def reset_of(
 def _press(
     key: str, given: ButtonTable | ResetTable, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> Press | None:
+    """Return the signal and values of a button or reset; None: it names no signal, or an issue is noted."""
     if not given.signal:
         return None
     before = issues.count

@@ -47,10 +47,12 @@ class FaultKind:
 
 
 def _line(field: str, how: int) -> Callable[[Values, str], Sequence[Edit]]:
+    """Return a kind's function `edits`: change a field of a drive's line, as `how` says, by `ohm`, else by 1."""
     return lambda values, side: [_BROKEN, Edit(f"plant.{side}.line.{field}", how, float(values.get("ohm", 1.0)))]
 
 
 def _hall(field: str, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    """Return a kind's function `edits`: set a field of a drive's Hall faults to the key `key`; "": to 1."""
     return lambda values, side: [
         Edit(f"faults.{side}.hall.is_on", SET, 1.0),
         Edit(f"faults.{side}.hall.{field}", SET, float(values[key]) if key else 1.0),
@@ -59,6 +61,7 @@ def _hall(field: str, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
 
 
 def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    """Return a kind's function `edits`: change a field of a drive's current faults by the key `key`; "": by 1."""
     return lambda values, side: [
         Edit(f"faults.{side}.current.is_on", SET, 1.0),
         Edit(f"faults.{side}.current.{field}", how, float(values[key]) if key else 1.0),
@@ -72,31 +75,36 @@ def _gain(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _short(values: Values, side: str) -> Sequence[Edit]:
+    """Return the edits of a motor's short circuit: in its line, and in the current reading."""
     line = Edit(f"plant.{side}.line.is_shorted", SET, 1.0)
     return [_BROKEN, line, *_current("shorted", SET)(values, side)]
 
 
 def _gate(name: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    """Return a kind's function `edits`: change the gate's constant `name` by the key `key`; "": by 1."""
     also = {"plant.source_open": [_BROKEN], "faults.latch_held": [_INPUTS]}.get(name, [])
     return lambda values, side: [*also, Edit(name, how, float(values[key]) if key else 1.0)]
 
 
 def _bridge(values: Values, side: str) -> Sequence[Edit]:
+    """Return the edits of a bridge that stays in the state that is the fault's key `state`."""
     return [_INPUTS, Edit(f"faults.{side}.bridge", SET, float(DIRECTIONS.index(values["state"])))]
 
 
 def _drive(how: int, value: float | None, *names: str) -> Callable[[Values, str], Sequence[Edit]]:
-    """Return the function of a fault that changes a drive's constants by `value`; None: by its key `factor`."""
+    """Return a kind's function `edits`: change a drive's constants by `value`; None: by the key `factor`."""
     return lambda values, side: [
         Edit(f"plant.{side}.{name}", how, float(values["factor"]) if value is None else value) for name in names
     ]
 
 
 def _none(values: Values, side: str) -> Sequence[Edit]:
+    """Stand in for the edits of a kind that has none; never called."""
     raise AssertionError("made of the vehicle, or of the bus")
 
 
 def _key(name: str, kind: Kind, meaning: str, default: object = REQUIRED) -> tuple[Field, ...]:
+    """Return a kind's required key, or optional one with a default, as a tuple that can be joined with others."""
     return (Field(kind, meaning, name=name, default=default),)
 
 

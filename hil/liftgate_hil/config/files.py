@@ -49,7 +49,7 @@ def check_file(path: Path, called: str = "") -> None:
 
 
 def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
-    """Return the bytes of a file, at most `most`; `called` as in `check_file`. Raises ConfigError."""
+    """Return the bytes of a file; `called` as in `check_file`. Raises ConfigError, also for more than `most`."""
     check_file(path, called)
     try:
         size = path.stat().st_size

@@ -103,6 +103,7 @@ def orders_of(
 def _order(
     what: str, given: object, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> OrderMessage | None:
+    """Return the message of the order `what`; None and an issue if its keys or signals are invalid."""
     key, before = f"inject.{what}", issues.count
     read: object = read_record(issues, key, table(issues, key, given), ORDERS[what])
     values: dict[str, str | None] = dict(vars(read))

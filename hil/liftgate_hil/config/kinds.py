@@ -207,7 +207,7 @@ class File(OfKind[Path]):
     allowed, invalid = "a path", Path()
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Path:
-        """Return the path; an issue if the value is no path."""
+        """Return the path; `Path()` and an issue if the value is no path."""
         return Path(value) if _is_named(value) else self.refused(issues, key, value)
 
 
@@ -238,7 +238,7 @@ class Loaded(OfKind[Any]):
         self._classes = classes
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value unchanged; an issue if it is neither name, file nor such an object."""
+        """Return the value unchanged; "" and an issue if it is neither name, file nor such an object."""
         is_valid = _is_named(value) or type(value).__name__ in self._classes
         return value if is_valid else self.refused(issues, key, value)
 

@@ -202,6 +202,7 @@ def _data_ids(issues: ConfigIssues, key: str, given: MessageTable, raw: Table) -
 
 
 def _own_signal(issues: ConfigIssues, key: str, value: object, signals: list[str]) -> str | None:
+    """Return `value` if it names one of `signals`; None: it is None, or, with an issue, another value."""
     if value is None:
         return None
     found = text(issues, key, value, signals)

@@ -81,7 +81,7 @@ class CounterTable(Record):
 
 
 def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message) -> tuple[str | None, Counting]:
-    """Return a counter's signal and counting parameters; issues are noted under `key` and keys below it."""
+    """Return a counter's signal (None: invalid) and how it counts; issues are noted under `key` and keys below."""
     before = issues.count
     counter = read_record(issues, key, given, CounterTable)
     name, bits = _signal(issues, key, counter.signal, message)
@@ -110,7 +110,7 @@ def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message
 def checksum_table(
     issues: ConfigIssues, key: str, given: Table, message: Message, counter: str | None
 ) -> tuple[str | None, Rocksoft | None]:
-    """Return a checksum's signal and parameters; issues are noted under `key` and keys below it.
+    """Return a checksum's signal and parameters (None: invalid); issues are noted under `key` and keys below.
 
     `counter` is the counter signal of the message.
     """
@@ -157,7 +157,7 @@ def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tupl
 
 
 def _own_data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -> tuple[int, ...]:
-    """Return the data ID or the list of data IDs of a manufacturer's checksum, as a tuple."""
+    """Return a manufacturer's data ID, or list of data IDs, as a tuple; (): none, or, with an issue, invalid."""
     if value is None:
         return ()
     is_list = isinstance(value, list)
@@ -186,7 +186,7 @@ class _Frame:
         return {"payload": self.message.length, "identifier": 4, "counter": 8, "data_id": 4}[part]
 
     def whole(self, part: str) -> Iterator[Covered]:
-        """Yield all bytes of a part; of the payload all that do not belong to the checksum alone."""
+        """Yield the range of all bytes of a part; of the payload, the ranges of `_payload`."""
         if part == "payload":
             yield from self._payload()
             return
@@ -200,6 +200,7 @@ class _Frame:
         yield Covered(part, 0, size - 1)
 
     def _payload(self) -> Iterator[Covered]:
+        """Yield the ranges of those payload bytes that the checksum does not fill alone."""
         first = 0
         filled = [bits == 0xFF for bits in own_bits(self.message, self.checksum)]
         for byte, is_own in enumerate([*filled, True]):
@@ -227,6 +228,7 @@ def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[
 
 
 def _covered(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> Iterator[Covered]:
+    """Yield the bytes that one entry of `covers` names; nothing, and an issue, if it is invalid."""
     match = _COVERED.fullmatch(value) if isinstance(value, str) else None
     if match is None or match[1] not in PARTS:
         text = _COVERS.removeprefix("a list of ")

@@ -67,6 +67,7 @@ def _entries(value: Any) -> Iterable[tuple[str, Any]]:
 
 
 def _tables(value: Any) -> Sequence[Table]:
+    """Return the tables in a list; none if the value is no list."""
     return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []
 
 
@@ -82,6 +83,7 @@ def _of_keys(content: Table, keys: Sequence[Field]) -> Iterator[tuple[str, str]]
 
 
 def _of_value(value: Any, unit: str) -> Iterator[tuple[str, str]]:
+    """Yield the name of the parameter that a value `$name` is, with the unit; nothing for another value."""
     if isinstance(value, str) and (match := _WHOLE.fullmatch(value)):
         yield match[1], unit
 

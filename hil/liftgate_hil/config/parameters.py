@@ -70,7 +70,7 @@ def dotted_keys() -> list[str]:
 
 @functools.cache
 def keys_of(kind: type) -> Mapping[str, Key]:
-    """Return the keys of a table of a vehicle file, by their names there."""
+    """Return the keys of a vehicle file's table of the class `kind`, by their names in the file."""
     defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
     result = {}
     for field, hint in get_type_hints(kind, include_extras=True).items():
@@ -127,6 +127,7 @@ def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
 
 
 def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParameter]:
+    """Yield the free parameters of a table of the class `kind`: its numbers, and each coordinate of its points."""
     for field, hint in get_type_hints(kind, include_extras=True).items():
         quantity: Quantity = hint.__metadata__[0]
         if table == "friction" and field not in _LAW:

@@ -109,16 +109,17 @@ class Rig:
         return tuple(dict.fromkeys(wire.message for wire in (*self.inputs, *self.outputs)))
 
     def input_config(self, sending: bool = False) -> BusConfig:
-        """Return the tables of the inputs (ECU to emulator), shared by all callers, who do not change them."""
+        """Return the tables, shared and never changed, for receiving the inputs; `sending`: for sending them."""
         return self._bus_config("inputs", self.inputs, BUS_INPUTS, sending)
 
     def output_config(self, sending: bool = True) -> BusConfig:
-        """Return the tables of the outputs (emulator to ECU), shared by all callers, who do not change them."""
+        """Return the tables, shared and never changed, for `sending` the outputs; else for receiving them."""
         return self._bus_config("outputs", self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
         self, section: str, mappings: tuple[SignalMapping, ...], quantities: Mapping[str, Signal], sending: bool
     ) -> BusConfig:
+        """Return the tables of a section, made once. Raises ConfigError."""
         if (section, sending) not in self._configs:
             issues = ConfigIssues(self.source)
             bus = build_bus_config(self.messages, mappings, self.options, quantities, issues, sending)
@@ -303,7 +304,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
 
 
 def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set[str]) -> None:
-    """Note a duty that is unsigned without a direction signal: the sign then gives the motor's direction."""
+    """Note an issue if a duty is unsigned and has no direction signal: its sign is then the motor's direction."""
     direction = wire.quantity.replace("_duty", "_direction")
     low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
     if direction not in mapped and not low < 0.0 < high:
@@ -319,7 +320,7 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
 
 
 def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
-    """Note a direction signal that cannot drive the motor: with one, the sign of the duty is ignored."""
+    """Note an issue if a direction has neither open nor close: with one, the duty's sign is ignored."""
     if wire.values is not None and not {"open", "close"} & set(wire.values):
         issues.add(
             f"inputs.{wire.quantity}.values",

@@ -44,6 +44,7 @@ class ExpectedRange(NamedTuple):
 
 
 def _whole(low: float, high: float) -> ExpectedRange:
+    """Return a range that every motion covers in full, so that its ends are also the extremes."""
     return ExpectedRange(low, high, low, high)
 
 
@@ -53,7 +54,7 @@ def _part(share: float, most: float) -> ExpectedRange:
 
 
 def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
-    """Return the ranges that a rig's outputs have on this vehicle, as far as they are known beforehand."""
+    """Return the expected ranges of a vehicle's quantities, by name without "true_", as far as they are known."""
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
     supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope
@@ -240,7 +241,7 @@ def _unprotected(rig: Rig) -> Iterator[str]:
 
 
 def _other_counters(rig: Rig) -> Iterator[str]:
-    """Yield a note for each counter that counts beyond its largest value in the database."""
+    """Yield a note for each counter that counts beyond its range in the database."""
     for name, options in rig.options.items():
         if options.counter is None or options.e2e is not None or name not in rig.mapped:
             continue
@@ -307,7 +308,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
 
 
 def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, ExpectedRange, tuple[float, float]]]:
-    """Yield each output with its expected values and the range that its signal can hold."""
+    """Yield each output that must not saturate and has a known range, with that and the one of its signal."""
     expected = expected_values(vehicle)
     for wire in rig.outputs:
         name = wire.quantity
@@ -326,6 +327,7 @@ def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, 
 
 
 def _holds(held: tuple[float, float], low: float, high: float) -> bool:
+    """Whether the range `held` includes that from `low` to `high`."""
     return held[0] <= low and high <= held[1]
 
 

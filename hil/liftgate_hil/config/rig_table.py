@@ -100,12 +100,14 @@ def injected_by(rig: Rig) -> dict[str, str]:
 
 
 def _press(press: Press) -> str:
+    """Return in words the signal of a button, its value while pressed and otherwise."""
     return f"{press.signal} = {press.value:g} for {press.hold:g} s, else {press.rest:g}"
 
 
 def _messages(
     rig: Rig, direction: str, wires: Sequence[SignalMapping], quantities: Mapping[str, Signal]
 ) -> Iterator[MappedMessage]:
+    """Yield the messages with these signals, which are all `received` or all `sent` (`direction`)."""
     for name in dict.fromkeys(wire.message for wire in wires):
         message, options = rig.messages[name], rig.options.get(name, MessageOptions())
         own = [wire for wire in wires if wire.message == name]
@@ -131,7 +133,7 @@ def _messages(
 def _unmapped(
     message: Message, options: MessageOptions, own: Sequence[SignalMapping], is_sent: bool
 ) -> dict[str, str]:
-    """Return a message's signals that neither a quantity nor the protection nor the multiplexer sets."""
+    """Return the signals that neither quantity, protection nor multiplexer sets; values: as sent, "": received."""
     used = {wire.signal for wire in own} | signals_made(message, options)
     others = [each for each in message.signals if each.name not in used]
     if is_sent:  # only the pages with a quantity

@@ -205,6 +205,7 @@ class _Kept(NamedTuple):
 
 
 def _kept_of(raw: Table) -> _Kept:
+    """Return what can be kept of a file's content: keys and tables without parameters, none of them read yet."""
     constant = frozenset(key for key, value in raw.items() if key in _FREE or not _has_parameter(value))
     lists = {key: value for key, value in raw.items() if isinstance(value, list)}
     places = [(f"{key}[{k}]", each) for key, value in lists.items() for k, each in enumerate(value)]
@@ -212,7 +213,7 @@ def _kept_of(raw: Table) -> _Kept:
 
 
 def _has_parameter(value: Any) -> bool:
-    """Whether a value contains a `$name` of a parameter somewhere."""
+    """Whether a value is a text `$name`, or a table or list that contains one: a parameter to be filled in."""
     if isinstance(value, dict):
         return any(map(_has_parameter, value.values()))
     if isinstance(value, list):
@@ -249,7 +250,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return a scenario's files, each after those that it includes, without `known` ones. Raises ConfigError."""
+    """Return a file after those that it includes, without `known` ones; `above` include it. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -278,6 +279,7 @@ def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
 
 
 def _included(raw: Table) -> tuple[str, ...]:
+    """Return the names in a file's key `include`; none if it is invalid, which is reported elsewhere."""
     value = raw.get("include", [])
     names = [value] if isinstance(value, str) else value
     is_list = isinstance(names, list) and all(isinstance(each, str) and each for each in names)
@@ -287,7 +289,7 @@ def _included(raw: Table) -> tuple[str, ...]:
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the parameters of all files, a file's own before included ones, and their names in issues."""
+    """Return the parameters of all files, a file's own over included ones, and how issues name each."""
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
     top_keys = {key.name for key in fields_of(ScenarioTable)}
@@ -353,7 +355,7 @@ def stimuli_after(scenario: Scenario, end: float) -> list[str]:
 
 
 def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
-    """Yield the name and the start of each stimulus."""
+    """Yield name and start of each stimulus, and of each change of a profile's value."""
     for request in scenario.requests:
         yield f"request {request.action}", request.when
     for timed in scenario.stimuli.obstacles:

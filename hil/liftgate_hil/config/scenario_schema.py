@@ -30,7 +30,7 @@ class When(OfKind[Instant]):
     allowed, invalid = f"0 to {LATEST:g} s, or a condition", START
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
-        """Return the instant; an issue if the value is neither a time nor a condition."""
+        """Return the instant; time 0 and an issue if the value is neither a time nor a condition."""
         if isinstance(value, str) and (time := _TIME.fullmatch(value)):
             seconds = float(time[1]) * _UNITS[time[2] or "s"]
             issues.add(key, f"{show(value)}; allowed: a number of seconds without quotes, such as {seconds:g}")

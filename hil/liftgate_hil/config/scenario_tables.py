@@ -109,12 +109,14 @@ class TableReader:
                 found.expectations.append(each)
 
     def _tables(self, key: str, given: Any, read: Callable[[str, Table], Any]) -> list[Any]:
+        """Return what `read(key, table)` returns for each table `[[key]]`; an issue if there is no list."""
         if not isinstance(given, list | tuple):
             self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
             return []
         return [self._table(f"{key}[{i}]", each, read) for i, each in enumerate(given)]
 
     def _table(self, key: str, given: Any, read: Callable[[str, Table], Any]) -> Any:
+        """Return what `read(key, table)` returns, kept for tables in `kept` that have no issue."""
         if (found := self.kept.get(key)) is not None:
             return found
         before = self.issues.count
@@ -162,6 +164,7 @@ class TableReader:
         return name, Profile(self._points(key, points, name, is_switch), how == "linear")
 
     def _points(self, key: str, points: Any, name: str, is_switch: bool) -> list[tuple[float, float]]:
+        """Return the points (time [s], value) of a profile in order; issues are collected."""
         issues, found = self.issues, []
         if not isinstance(points, list) or not points:
             issues.add(key, f"{show(points)}; allowed: [[time, value], …]")
@@ -296,7 +299,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
 
 
 def check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
-    """Add an issue for each name that occurs more than once."""
+    """Add an issue under `key` for each name that occurs more than once."""
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add(key, f"{name} appears {names.count(name)} times; allowed: once")
 

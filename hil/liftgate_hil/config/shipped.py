@@ -43,7 +43,7 @@ def c_headers() -> list[Path]:
 
 
 def shipped_names(folder: str) -> list[str]:
-    """Return the names of the shipped files in a folder, without suffixes."""
+    """Return the names of the shipped TOML files in a folder below `data_root()`, without suffixes."""
     return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
 
 
@@ -75,7 +75,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _proposal(path: Path, names: Iterable[str]) -> str:
-    """Return "did you mean …" with similar shipped names or files, for a path that does not exist."""
+    """Return "did you mean …" with similar shipped names or files for a path that does not exist; "": none."""
     from difflib import get_close_matches  # imported only where used, since the import takes time
 
     near: list[str] = []

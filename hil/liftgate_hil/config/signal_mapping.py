@@ -67,6 +67,7 @@ def signal_mappings(
 def _mapping(
     issues: ConfigIssues, section: str, quantity: str, ours: Signal, value: object, messages: Messages
 ) -> SignalMapping | None:
+    """Return the mapping of a quantity; None and an issue if there is no such signal."""
     key = f"{section}.{quantity}"
     before = issues.count
     given = read_record(issues, key, value if isinstance(value, dict) else {"signal": value}, MappingTable)
@@ -193,7 +194,7 @@ def check_values(
     theirs: DatabaseSignal,
     ours: Signal,
 ) -> None:
-    """Check that every value is one of `ours`, fits the signal `name`, and that no two are equal."""
+    """Note an issue for each value that is none of `ours`, does not fit the signal `name`, or occurs twice."""
     taken: dict[float, str] = {}
     for label, value in values.items():
         if label not in ours.values:
@@ -216,14 +217,14 @@ def check_values(
 
 
 def check_complete(issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal) -> None:
-    """Check that an output's mapping has all values of its enumeration; an input's may have fewer."""
+    """Note an issue if an output's `values` lack one of its enumeration; an input's may have fewer."""
     missing = [label for label in ours.values if label not in values]
     if missing:
         issues.add(key, f"{', '.join(missing)} missing; allowed: a value for every label of an output")
 
 
 def missing_values(mapping: SignalMapping) -> list[str]:
-    """Return the labels of an input's enumeration for which its signal has no value."""
+    """Return the labels of an input's enumeration without a value in `values`; none if it has no `values`."""
     ours = BUS_INPUTS[mapping.quantity]
     return [] if mapping.values is None else [label for label in ours.values if label not in mapping.values]
 

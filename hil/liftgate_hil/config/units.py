@@ -179,7 +179,7 @@ def dimension_of(signal: Signal) -> str:
 
 
 def dimensions_named(unit: str) -> list[str]:
-    """Return the dimensions of a unit's spelling: `g` is a mass and an acceleration, `1` a share and a number."""
+    """Return the dimensions of a unit's spelling ([]: unknown); `g` is a mass and an acceleration."""
     return [dimension for dimension, units in _known().items() if _folded(unit) in units]
 
 

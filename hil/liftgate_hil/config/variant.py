@@ -103,6 +103,7 @@ def key_of(names: Names) -> Key | None:
 
 
 def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
+    """Yield the dotted name, split, and the value of each entry of `[spread]`, whether nested or dotted."""
     for name, value in content.items():
         names = (*above, *name.split("."))
         depth = 3 if names[0] in SIDES else 2
@@ -113,6 +114,7 @@ def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
 
 
 def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> Spread:
+    """Return the distribution of a key by its entry in `[spread]`; issues are noted."""
     given = read_record(issues, dotted, entry, SpreadTable)
     distribution = given.distribution
     ways = {"relative": ("relative",), "absolute": ("absolute",), "low and high": ("low", "high")}
@@ -138,6 +140,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
 
 
 def _followers(issues: ConfigIssues, dotted: str, names: Names, given: Any) -> tuple[Names, ...]:
+    """Return the full names of the keys in an entry's `follow`; issues are noted."""
     is_drive = names[-2] in DRIVE_TABLES
     if not isinstance(given, list | tuple) or not all(isinstance(each, str) for each in given):
         issues.add(f"{dotted}.follow", f"{show(given)}; allowed: a list of keys")
@@ -191,6 +194,7 @@ def _value(raw: Table, names: Names) -> float | None:
 
 
 def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
+    """Return a random value by seed and key: about `nominal`, or between the spread's ends."""
     channel = zlib.crc32(".".join(place).encode())
     if spread.distribution == "uniform":
         share = uniform(seed, 0, channel)
@@ -206,7 +210,7 @@ def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
 
 
 def _within(place: Names, value: float) -> float:
-    """Return a value limited to the allowed range of its key."""
+    """Return a value limited to the allowed range of its key, and rounded down if that must be whole."""
     key = key_of(place)
     assert key is not None
     within = min(max(math.floor(value) if key.quantity.is_whole else value, key.quantity.low), key.quantity.high)
@@ -285,6 +289,7 @@ def _ideal(raw: Table) -> list[Setting]:
 
 
 def _drawn(raw: Table, seed: int, settings: Sequence[Setting], source: str) -> list[Setting]:
+    """Return settings with values of a car drawn by `seed`, for keys not in `settings`. Raises ConfigError."""
     nominal = copy.deepcopy(raw)
     issues = ConfigIssues(source, applied(nominal, settings))
     spreads = spreads_of(issues, nominal)

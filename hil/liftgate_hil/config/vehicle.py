@@ -80,7 +80,7 @@ def load_vehicle(path: Path, settings: Sequence[Setting] = (), variant: Variant 
 
 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
-    """Return the vehicle of a parsed file; `source` names it in messages, `origins` is as in ConfigIssues."""
+    """Return the vehicle of a file's content; `source`, `origins`: as in ConfigIssues. Raises ConfigError."""
     issues = ConfigIssues(source, origins)
     known_keys(issues, "", raw, _KNOWN, dotted_keys())
     spreads_of(issues, raw)
@@ -126,6 +126,7 @@ def issues_with(vehicle: Vehicle, with_friction: bool = True) -> list[str]:
 
 
 def _check_whole(issues: ConfigIssues, vehicle: Vehicle) -> None:
+    """Note the issues that arise from several values together, except that of the friction's table."""
     _check_motors(issues, vehicle)
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
@@ -136,6 +137,7 @@ def _check_whole(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict[str, Any]]:
+    """Return the fields of a drive by table; keys in the side's own tables override the shared ones."""
     own = raw.get(side, {})
     if side in raw:
         own = table(issues, side, own)
@@ -170,6 +172,7 @@ def _fields(
 
 
 def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, origin: type) -> Any:
+    """Return a value in SI and radians: number, word, curve or point; if invalid, a substitute and an issue."""
     if quantity.options:
         word = text(issues, key, value, quantity.options)
         return word if word in quantity.options else quantity.options[0]
@@ -209,6 +212,7 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
 
 
 def _allowed(quantity: Quantity, form: str = "") -> str:
+    """Return the allowed values of a quantity in words, with `form` before the range."""
     if quantity.options:
         return f"allowed: {', '.join(quantity.options)}"
     return f"allowed: {with_unit(f'{form}{quantity.range}', _unit(quantity))}"
@@ -220,7 +224,7 @@ def _unit(quantity: Quantity) -> str:
 
 
 def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that no motor creates energy: shaft power c1Φ i ω must not exceed the EMF's power c2Φ n i."""
+    """Note an issue if a motor creates energy: shaft power c1Φ i ω must not exceed the EMF's power c2Φ n i."""
     limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
     given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
     for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
@@ -234,7 +238,7 @@ def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_inertia(issues: ConfigIssues, gate: GateParameters) -> None:
-    """Check that the gate's moment of inertia about its hinge is plausible.
+    """Note an issue if the gate's moment of inertia about its hinge is implausible.
 
     It is at least m r² of the centre of gravity, and no part of the gate is further from the hinge than r plus the
     diagonal of the gate. A value beyond these limits by more than a factor of ten is a mistake, not an estimate.
@@ -251,7 +255,7 @@ def _check_inertia(issues: ConfigIssues, gate: GateParameters) -> None:
 
 
 def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
-    """Check that the Hall sensors' tolerances do not displace edges so far that their order changes."""
+    """Note an issue if the Hall sensors' tolerances may displace edges so far that their order changes."""
     most, beside = hall.MOST_DISPLACED, hall.farthest(encoder_of(sensors))
     if beside > most + 1e-9:
         issues.add(
@@ -263,7 +267,7 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
-    """Check the keys of shunt and current window: flags are 0 or 1; some exclude or require others."""
+    """Note issues with shunt and current window: flags are 0 or 1; some keys exclude or require others."""
     for key in ("shunt_low_side", "shunt_sampled_on"):
         if getattr(sensors, key) not in (0.0, 1.0):
             issues.add(f"sensors.{key}", f"{getattr(sensors, key):g}; allowed: 0 or 1")
@@ -277,7 +281,7 @@ def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that freewheeling other than slow has a PWM frequency."""
+    """Note an issue if freewheeling other than slow has no PWM frequency."""
     for side, own in zip(SIDES[: vehicle.drives], (vehicle.left, vehicle.right), strict=False):
         frequency, freewheeling = own.bridge.pwm_frequency, own.bridge.freewheeling
         prefix = "bridge" if vehicle.left.bridge == vehicle.right.bridge else f"{side}.bridge"
@@ -288,7 +292,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Check the latch's striker positions: entry, half, full in this order. Half = 0: without positions."""
+    """Note issues with the striker positions: entry, half, full in this order. Half = 0: without positions."""
     if own.half == 0.0:
         return
     if own.full >= own.half:
@@ -298,7 +302,7 @@ def _check_latch(issues: ConfigIssues, own: Latch) -> None:
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Check that MOST_PLACES points are enough to tabulate the friction over the gate's travel."""
+    """Note an issue if MOST_PLACES points are too few to tabulate the friction over the gate's travel."""
     stroke = gate_body.linkage(vehicle.gate).stroke
     if places_of(vehicle, stroke) > MOST_PLACES:
         issues.add(
@@ -309,7 +313,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_geometry(issues: ConfigIssues, gate: GateParameters) -> None:
-    """Check that the actuator's length increases all the way from closed to open."""
+    """Note an issue if the actuator's length does not increase all the way from closed to open."""
     link = gate_body.linkage(gate)
     if text := _geometry_issue(link, gate.open_angle):
         issues.add("gate", text)

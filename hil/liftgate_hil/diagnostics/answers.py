@@ -57,7 +57,7 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return when [s] the trouble codes were last read completely, up to a time [s]; NaN: never."""
+        """Return the time [s] in the run of the last complete reading at or before `time` [s]; NaN: none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 
@@ -67,6 +67,7 @@ class Answers:
         return self._own.period + self._own.patience
 
     def _mark(self, reported: Sequence[int]) -> int:
+        """Return the mark of a reading: one bit for each watched code that is among the reported numbers."""
         return sum(
             1 << bit
             for bit, (number, mask) in enumerate(self._codes)

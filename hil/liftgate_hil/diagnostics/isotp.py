@@ -145,7 +145,7 @@ def hear(link: Link, frames: Frames, frame: int, now_ns: int) -> int:
 
 @compilable
 def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
-    """Receive a message in a single frame and return its length, aborting a message being received."""
+    """Receive a single frame, aborting a message being received; return its message's length, 0: it is invalid."""
     head, size = link.head[0], int(frames.data[frame, 0])
     if size < 1 or size > length - 1:
         return 0
@@ -158,7 +158,7 @@ def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
 
 @compilable
 def hear_first(link: Link, frames: Frames, frame: int, length: int, now_ns: int) -> None:
-    """Receive the first frame of a message, aborting another message being received."""
+    """Receive the first frame of a message and order flow control, aborting another message being received."""
     head, data = link.head[0], frames.data
     size = (int(data[frame, 0]) & 0xF) << 8 | int(data[frame, 1])
     if length < 8 or 0 < size < 8:  # it would have fitted into a single frame
@@ -243,7 +243,7 @@ def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
 
 @compilable
 def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
-    """Write the next frame with data: a single frame, a first frame, or a consecutive frame."""
+    """Write the link's next single, first or consecutive frame to row `frame`, and advance the link's state."""
     head, data = link.head[0], frames.data
     first, size = 1, 7
     if head.sending == IN_BLOCK:

@@ -83,7 +83,7 @@ def no_tester() -> Tester:
 
 
 def quiet(tester: Tester) -> Tester:
-    """Return a copy of the tester, switched off."""
+    """Return a tester that is switched off and shares link and frames with the given one."""
     head = tester.head.copy()
     head.is_on = 0
     return tester._replace(head=head)
@@ -126,6 +126,7 @@ def answer_in(tester: Tester) -> bytes:
 
 
 def _tester(own: Diagnostics, requests: tuple[bytes, ...], room: int, is_on: int) -> Tester:
+    """Return a tester with these encoded requests by row (b"": never made) and arrays for `room` frames."""
     head = np.zeros(1, dtype=TESTER).view(np.recarray)
     head.is_on, head.next_ns, head.asked = is_on, -1, _NOTHING
     head.failure = NO_FAILURE
@@ -206,7 +207,7 @@ def take_answer(tester: Tester, length: int, now_ns: int) -> None:
 
 @compilable
 def end_once(head: Any, failure: int, length: int) -> None:
-    """End the single request, with its response of `length` bytes or as failed."""
+    """End the single request: with a response of `length` bytes, or failed (a code, NO_RESPONSE)."""
     head.asked, head.answer_length = _NOTHING, length
     if failure != NO_FAILURE:
         head.failure = failure
@@ -251,7 +252,7 @@ def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def next_request(head: Any, now_ns: int) -> int:
-    """Return the index of the request that is due now, or _NOTHING."""
+    """Return the row of the request that is due now, or _NOTHING."""
     if head.asked != _NOTHING:
         return _NOTHING
     if head.due != 0 and now_ns >= head.once_ns:

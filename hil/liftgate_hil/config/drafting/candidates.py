@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class QuantityWords(NamedTuple):
-    """Words by which a signal of a quantity is recognized; without `sides` the quantity is not one of a drive."""
+    """Words by which a signal of a quantity is recognized; a quantity with "{side}" is one of each drive."""
 
     section: str  # section of a rig, or `panel`: those inputs that a test bench sets
     quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive
@@ -26,6 +26,7 @@ class QuantityWords(NamedTuple):
 
 
 def _needs(*spelled: str) -> tuple[frozenset[str], ...]:
+    """Return each text as a set of concepts; in a text they are separated by "+"."""
     return tuple(frozenset(each.split("+")) for each in spelled)
 
 
@@ -130,6 +131,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Search:
 
 
 def _not_chosen(found: Found, best: Found) -> dict[str, tuple[str, str]]:
+    """Return the signals that are no best candidate for any quantity, as in `Search.not_chosen`."""
     chosen = {each.name for section in best.values() for several in section.values() for each in several}
     return {
         each.name: (quantity, _why_rather(each, best[section][quantity][0]))
@@ -150,7 +152,7 @@ def _why_rather(one: SignalCandidate, chosen: SignalCandidate) -> str:
 
 
 def _panel(message: Message) -> dict[str, SignalCandidate]:
-    """Return the quantities that a test panel's message sets, by exact names; empty if none is of the obstacle."""
+    """Return a candidate for each quantity that a test panel's message sets; {} if none is of the obstacle."""
     names = {"".join(words_of(signal.name)): signal for signal in message.signals}
     found = {
         quantity: SignalCandidate(quantity, message, names[_joined(quantity)], True, True)
@@ -191,15 +193,18 @@ def _sensors(messages: Mapping[str, Message]) -> list[str]:
 
 
 def _is_of_a_drive(candidate: SignalCandidate) -> bool:
+    """Whether a candidate is a sensor reading of a drive: current, Hall count or Hall speed."""
     return candidate.quantity.endswith(("_current", "_hall_count", "_hall_speed"))
 
 
 def _speaks_of_gate(message: Message) -> bool:
+    """Whether the name of a message, or of one of its signals, has a word for the gate."""
     names = (message.name, *(signal.name for signal in message.signals))
     return any("gate" in concepts_in(name) for name in names)
 
 
 def _all_of(message: Message, section: str) -> Iterator[SignalCandidate]:
+    """Yield the candidates, by `_of`, of all signals of a message."""
     for signal in message.signals:
         yield from _of(message, signal, section)
 

@@ -171,6 +171,7 @@ def _by_side(found: Mapping[str, list[SignalCandidate]], tells_sides: bool) -> d
 
 
 def _lines_of(section: str, found: Mapping[str, list[SignalCandidate]]) -> Iterator[DraftLine]:
+    """Yield the lines of a section, at most _MOST a quantity; doubtful ones are commented out, with the reason."""
     for quantity, candidates in found.items():
         for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)

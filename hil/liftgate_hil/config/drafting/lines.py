@@ -194,16 +194,16 @@ def protections_of(message: Message, what: str) -> list[Signal]:
 def open_counters_of(message: Message) -> list[Signal]:
     """Return a message's counters whose settings its drafted table leaves to the user."""
     counters = protections_of(message, "counter")
-    return counters if len(counters) > 1 else [each for each in counters if _ends_early(each)]
+    return counters if len(counters) > 1 else [each for each in counters if _is_restricted(each)]
 
 
-def _ends_early(counter: Signal) -> bool:
-    """Whether a counter's maximum in the database is lower than its length in bits allows."""
+def _is_restricted(counter: Signal) -> bool:
+    """Whether the database limits a counter's range to less than its length in bits allows."""
     return counted_range(counter) != (0, 2**counter.length - 1)
 
 
-def _restricted(counter: Signal) -> str:
-    """Return the remark on a counter whose maximum in the database is lower than its length allows."""
+def _remark_on_range(counter: Signal) -> str:
+    """Return the remark on a counter whose range in the database is less than its length allows."""
     (low, high), most, name = counted_range(counter), 2**counter.length - 1, quoted(counter.name)
     if low > 0:
         table = f"{{ signal = {name}, lowest = {low}, highest = {high} }}"
@@ -224,8 +224,8 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
         line, why = f"counter = {quoted(signal.name)}", ""
         if len(counters) > 1:
             why = "one of several with such a name"
-        elif _ends_early(signal):
-            why = _restricted(signal)
+        elif _is_restricted(signal):
+            why = _remark_on_range(signal)
         lines.append(f"# {line}  # {why}" if why else line)
     for signal in protections_of(message, "checksum"):
         lines += _checksum_lines(signal)

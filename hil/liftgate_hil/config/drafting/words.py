@@ -103,6 +103,7 @@ def concepts_in(name: str) -> frozenset[str]:
 
 
 def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
+    """Whether a word of `spelled`, as in WORDS, is one of a name's `words`, or, if long, a part of `whole`."""
     return any(
         each.removeprefix("=") in words or (len(each) >= 4 and each[0] != "=" and each in whole)
         for each in spelled
