@@ -353,8 +353,3 @@ def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
 def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
     """Whether a signal with the alternatives `chains` of multiplexer values is on a page."""
     return any(page.items() >= chain.items() for chain in chains)
-
-
-def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
-    """Whether a page has another value than `chain` for one of its multiplexers."""
-    return any(page.get(name, value) != value for name, value in chain.items())

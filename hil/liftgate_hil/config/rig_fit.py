@@ -78,6 +78,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
     for side, drive in zip(("left", "right"), drives, strict=False):
         found |= {f"{side}_{name}": each for name, each in _of_a_drive(vehicle, drive, link.stroke).items()}
         found[f"{side}_motor_temperature"] = _whole(ambient, ambient)
+        found[f"true_{side}_current"] = _part(0.1, supply / drive.motor.resistance)  # without the sensor's limit
     return found
 
 
@@ -91,7 +92,6 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
     force = motor.torque_constant * stall * 2.0 * math.pi * drive.gear.ratio / drive.spindle.lead
     return {
         "current": _part(0.1, min(sensors.current_gain * stall, sensors.current_limit)),
-        "true_current": _part(0.1, stall),
         "voltage": _part(0.5, supply),
         "duty": _part(_DUTY, 1.0),
         "hall_count": _whole(0.0, turns * sensors.hall_counts),

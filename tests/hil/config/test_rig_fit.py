@@ -165,6 +165,9 @@ def test_expected_ranges_of_quantities_follow_from_the_vehicle():
     weak = vehicle_from("suv", ["supply.internal_resistance=0.1"])
     # Both motors stalled draw 33.9 A through it.
     assert expected_values(weak)["terminal_voltage"].lowest == pytest.approx(12.0 - 3.39, abs=0.01)
+    limited = expected_values(vehicle_from("suv", ["sensors.current_limit=10"]))
+    assert limited["left_current"].highest == 10.0
+    assert limited["true_left_current"].highest == pytest.approx(12.0 / 0.708)
     assert expected["gate_angle"].high == pytest.approx(80.0)
     assert expected["left_hall_count"].high == pytest.approx(2946.0, abs=1.0)
 
