@@ -14,7 +14,7 @@ from liftgate_hil.config.shipped import find_config
 
 
 def rig_of_cycle(folder: Path, cycle_ms: float) -> Path:
-    """Return the shipped rig with another cycle of the command message."""
+    """Write the shipped rig with another cycle of the command message; return its path."""
     shipped = find_config("rigs", "liftgate").read_text()
     head = "[messages.DriveCommand]\n"
     assert head in shipped
@@ -30,7 +30,7 @@ def demo(rig: Path) -> lh.Result:
 
 
 def travel_times(result: lh.Result) -> list[float]:
-    """Return the times to learn the travel, to open and to close."""
+    """Return the durations [s] of learning the travel, of opening and of closing, each from its request on."""
     starts = {
         "open, travel learned": 0.5, "open": 22.5, "closed and latched": 29.0
     }  # fmt: skip
