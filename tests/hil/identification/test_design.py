@@ -33,6 +33,7 @@ def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
 
 
 def one_way_and_back() -> list[Candidate]:
+    """Candidate experiments of 3 s: two openings, and one that is reversed."""
     times = np.arange(601) / 200.0
     back = np.select([times < 1.5, times < 1.6], [12.0, 0.0], -9.0)
     return [
@@ -160,7 +161,7 @@ def test_the_expected_information_of_positions_matches_that_of_counts(rate: floa
     assert np.all(ratio < 2.5)
 
 
-def test_each_bit_of_a_planned_prbs_begins_with_its_row():
+def test_the_bits_of_a_planned_prbs_change_at_multiples_of_their_duration():
     """In floating point, 0.3 s divided by 0.05 s is less than 6."""
     (found,) = [each for each in candidates(suv(), 4.0, 1000.0) if each.name == "PRBS of 50 ms, opening"]
     changes = np.flatnonzero(np.diff(found.voltage)) + 1

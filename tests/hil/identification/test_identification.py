@@ -424,7 +424,7 @@ def test_estimating_a_delay_keeps_the_correlation_of_the_outputs_noise() -> None
     assert np.all(result.noise_variance != 0.0)
 
 
-def test_an_output_with_a_single_edge_is_left_out() -> None:
+def test_hall_counts_with_a_single_edge_are_left_out() -> None:
     noise = {"left_position_rev": 0.0, "left_current_a": 0.05}
     times = np.arange(401) / 200.0
     drive = (times, np.where(times < 0.02, 12.0, 0.0))
