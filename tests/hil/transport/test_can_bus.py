@@ -310,6 +310,7 @@ class Faulty:
 
 
 def faulty(monkeypatch: pytest.MonkeyPatch, results: list[Any]) -> CanTransport:
+    """Return a transport whose bus is a Faulty with these results."""
     monkeypatch.setattr(can, "Bus", lambda **arguments: Faulty(results))
     return CanTransport({"interface": "virtual", "channel": "x"})
 
