@@ -190,7 +190,7 @@ def test_equivalent_ecus_in_c_and_python_give_the_same_run(echo_library: Path, t
 
 
 @pytest.mark.parametrize("drives", [1, 2])
-def test_the_reference_ecu_hears_each_frame_of_the_gate(rig: Rig, drives: int) -> None:
+def test_the_reference_ecu_receives_each_frame_of_the_gate(rig: Rig, drives: int) -> None:
     keeper = Keeper()
     with ReferenceEcu(rig, drives) as adapter:
         episode = episode_of([keeper], adapter)

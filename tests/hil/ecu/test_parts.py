@@ -199,7 +199,7 @@ def test_a_slow_rise_of_the_load_over_the_travel_is_followed() -> None:
         assert feed(guard, 1.0 + 0.002 * step, 1) is None
 
 
-def test_a_learned_reference_has_a_narrower_limit() -> None:
+def test_a_learned_load_reference_has_a_narrower_limit() -> None:
     between = 1.5 + 0.99 * C.excess_unlearned
     known, fresh = learned({HALFWAY: 1.5}), new_guard()
     for guard in known, fresh:
@@ -209,7 +209,7 @@ def test_a_learned_reference_has_a_narrower_limit() -> None:
     assert feed(fresh, between, 6) is None
 
 
-def test_a_steep_learned_reference_has_a_wider_limit() -> None:
+def test_a_steep_learned_load_reference_has_a_wider_limit() -> None:
     """It is wider by the load that the possible error of the position makes."""
     fine = (FINE_TO - FINE_FROM) / FINE
     centres = {FINE_FROM + (k + 0.5) * fine: 0.0 for k in range(FINE)}
@@ -227,7 +227,7 @@ def test_a_steep_learned_reference_has_a_wider_limit() -> None:
     assert feed(steep, 0.05 * place + tolerated, 3, place) is not None
 
 
-def test_the_reference_is_extrapolated_beyond_its_last_known_position() -> None:
+def test_the_load_reference_is_extrapolated_beyond_its_last_known_position() -> None:
     """A gate that is a count farther than ever is not trapped."""
     fine = (FINE_TO - FINE_FROM) / FINE
     guard = learned({FINE_FROM + (k + 0.5) * fine: -0.1 * k for k in range(5, 20)})
@@ -238,7 +238,7 @@ def test_the_reference_is_extrapolated_beyond_its_last_known_position() -> None:
     assert np.isnan(reference_at(guard, bin_at(FINE_FROM + 0.5 * fine, TRAVEL))[0])
 
 
-def test_the_limit_is_wider_while_the_wanted_speed_changes() -> None:
+def test_the_load_limit_is_wider_while_the_wanted_speed_changes() -> None:
     """It is wider by the load that the possible error of the inertia makes."""
     for hidden, is_trapped in ((0.0, True), (1.0, False)):
         guard = learned({HALFWAY: 1.0})
@@ -250,7 +250,7 @@ def test_the_limit_is_wider_while_the_wanted_speed_changes() -> None:
         assert verdict.is_trapped == is_trapped
 
 
-def test_the_seal_is_judged_only_after_it_was_learned() -> None:
+def test_the_load_of_the_seal_is_judged_only_after_it_was_learned() -> None:
     guard = new_guard()
     begin_run(guard)
     feed(guard, 1.0, 100)
@@ -262,7 +262,7 @@ def test_the_seal_is_judged_only_after_it_was_learned() -> None:
     assert feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone) is not None
 
 
-def test_a_learned_reference_is_updated_slowly_by_later_runs() -> None:
+def test_a_learned_load_reference_is_updated_slowly_by_later_runs() -> None:
     guard = new_guard()
     for load in (1.0, 2.0):
         begin_run(guard)
