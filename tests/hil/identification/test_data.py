@@ -255,7 +255,7 @@ def test_a_closed_gate_creeping_into_its_seal_counts_as_resting(noise: dict[str,
         assert begin.start.latched == 1.0 - released
 
 
-def test_a_closed_gate_begins_latched_if_only_its_speed_or_an_offset_angle_is_measured() -> None:
+def test_a_closed_gate_begins_latched_even_if_only_its_speed_or_an_offset_angle_is_measured() -> None:
     for noise, offset in ((SPEED, 0.0), ({"gate_angle_deg": 0.02}, -0.5)):
         data = pause(suv(), 0.0, noise)
         outputs = {name: values + offset for name, values in data.outputs.items()}

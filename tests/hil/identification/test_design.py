@@ -15,7 +15,7 @@ from tests.plant.runs import suv
 OUTPUTS = [*NOISE]
 
 
-def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
+def test_the_pseudo_random_binary_sequence_has_its_full_period_and_is_balanced() -> None:
     bits = prbs(3 * 1023)
     assert np.array_equal(bits[:1023], bits[1023:2046])
     assert all(
@@ -54,7 +54,7 @@ def test_a_reversal_separates_friction_from_preload_better_than_a_one_way_motion
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_expected_standard_deviation_is_that_of_the_identification(model: str) -> None:
+def test_the_planned_standard_deviations_agree_with_those_of_the_identification(model: str) -> None:
     vehicle = suv()
     drive = (one_way_and_back()[2].times, one_way_and_back()[2].voltage)
     (expected,) = plan(vehicle, model, sought([*TRUTH]), OUTPUTS, one_way_and_back()[2:]).ranked

@@ -43,7 +43,7 @@ def vehicle() -> Vehicle:
 
 
 @pytest.mark.parametrize(("model", "count"), [("full", 4), ("third-order", 8), ("second-order", 8)])
-def test_errors_match_the_standard_deviations(model: str, count: int) -> None:
+def test_estimation_errors_match_the_reported_standard_deviations(model: str, count: int) -> None:
     z = many_seeds.of_white_noise(model, range(count))
     # Of 40 values the mean has a standard deviation of about 0.16, the rms of 0.11; of 20, 0.22 and 0.16.
     assert np.abs(z).max() < 3.5
@@ -351,7 +351,7 @@ def test_the_information_criteria_of_a_result_follow_from_its_loss(vehicle: Vehi
     assert result.stop_reason.startswith("converged")
 
 
-def test_a_model_without_the_true_effect_is_worse_by_every_criterion(vehicle: Vehicle) -> None:
+def test_a_model_with_too_few_or_too_many_parameters_is_worse_by_every_criterion(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=1)]
     poor = estimated(suv(), "third-order", ["motor.resistance"], data)
     true = estimated(suv(), "third-order", [*TRUTH], data)

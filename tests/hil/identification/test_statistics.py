@@ -274,7 +274,7 @@ def test_the_fit_is_100_for_the_data_themselves_and_0_for_their_mean() -> None:
     assert math.isnan(fit_percent(np.ones(3), values[:3]))
 
 
-def test_correlations_with_missing_values_are_nan() -> None:
+def test_correlations_with_an_infinite_variance_are_nan() -> None:
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.inf]])
     found = correlation_of(covariance)
     assert found[:2, :2] == pytest.approx(np.array([[1.0, 0.5], [0.5, 1.0]]))
