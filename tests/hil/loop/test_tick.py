@@ -316,7 +316,7 @@ def test_a_catch_up_sends_each_message_once_and_the_next_ones_on_time(rig: Rig, 
     assert at == [25, 30]
 
 
-def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig, fast_tick: Tick):
+def test_a_silent_tick_sends_no_message_and_the_last_tick_sends_every_message(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 99)
     _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1))
@@ -392,7 +392,7 @@ def test_sent_signals_agree_with_the_plant(rig: Rig, fast_tick: Tick):
     assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(truth.gate_angle_deg)
 
 
-def test_the_first_frames_report_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
+def test_the_gates_first_frames_report_closed_latched_and_waiting_for_a_command(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100)
     gate = decoded(rig, replies[9], "Gate")[0]
     assert gate == {"Angle": 0.0, "LatchState": 1, "TerminalVoltage": 12.0}
@@ -413,7 +413,7 @@ def test_refused_frames_are_reported_on_the_bus(rig: Rig, fast_tick: Tick):
 # Stopping.
 
 
-def test_stop_turns_the_motors_off_and_sends_everything_once(rig: Rig, fast_tick: Tick):
+def test_a_stop_turns_the_motors_off_and_sends_every_message_once(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, _, replies, _ = run(fast_tick, config, rest(config), 501, driving(rig))
     running = [row for frames in replies for row in decoded(rig, frames, "BenchStatus")]
