@@ -109,7 +109,7 @@ def decoded(data: bytes) -> dict[str, Any]:
     return values
 
 
-def test_a_frozen_counter_has_a_correct_checksum() -> None:
+def test_a_frame_with_a_frozen_counter_has_a_correct_checksum() -> None:
     said, heard = pair("wrong_counter", where="LeftDrive", direction="sent")
     good, bad = ([decoded(data) for _, data in of(each, LEFT)] for each in (said, heard))
     before = (int(good[0]["AliveCounter"]) - 1) % 16

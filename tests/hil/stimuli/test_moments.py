@@ -190,7 +190,7 @@ def test_a_delay_is_added_to_a_start_time_too(tmp_path: Path) -> None:
     assert coast[200:2000].tolist() == [float(750 <= k < 1250) for k in range(200, 2000)]
 
 
-def test_an_on_or_off_time_shorter_than_a_tick_is_refused(tmp_path: Path) -> None:
+def test_an_on_or_off_time_of_a_fault_shorter_than_a_tick_is_refused(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nperiod_s = 0.01\nshare = 0.05\n'
     with pytest.raises(ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"):
         ran(tmp_path, OPENING + fault)
