@@ -30,6 +30,7 @@ def _identifiers() -> dict[str, int]:
 
 
 def _wires() -> Iterator[str]:
+    """Yield the lines of a rig file that maps each quantity to its signal."""
     yield 'dbc = "their.dbc"'
     for section, prefix, quantities in SECTIONS:
         yield f"[{section}]"

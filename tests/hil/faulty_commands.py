@@ -64,7 +64,7 @@ class FaultyCommands:
 
 
 def _begin(library: ctypes.CDLL, arguments: Sequence[str], fault: Fault | None, said: Path) -> int:
-    """Fork a child that runs a command, and return the child."""
+    """Fork a child that runs a command with its stderr in `said`; return its process id."""
     from liftgate_hil.cli.main import main
 
     child = os.fork()

@@ -17,6 +17,8 @@ Made = tuple[str, Any]
 
 
 def binary(sign: str, a: Made, b: Made) -> Made:
+    """Return two formulas of numbers joined by an arithmetic sign; divided by zero it is NaN."""
+
     def value(known: dict[str, float]) -> float:
         x, y = a[1](known), b[1](known)
         if sign == "/":
@@ -42,6 +44,8 @@ NUMBERS: st.SearchStrategy[Made] = st.recursive(
 
 
 def compared(sign: str, a: Made, b: Made) -> Made:
+    """Return a comparison of two formulas of numbers; false with margin NaN if a side is not finite."""
+
     def value(known: dict[str, float]) -> tuple[bool, float]:
         x, y = a[1](known), b[1](known)
         if not (math.isfinite(x) and math.isfinite(y)):
@@ -56,6 +60,8 @@ def compared(sign: str, a: Made, b: Made) -> Made:
 
 
 def joined(word: str, a: Made, b: Made) -> Made:
+    """Return two conditions joined by `and` or `or`; false with margin NaN if one has no margin."""
+
     def value(known: dict[str, float]) -> tuple[bool, float]:
         (s, x), (t, y) = a[1](known), b[1](known)
         if math.isnan(x) or math.isnan(y):
@@ -66,6 +72,8 @@ def joined(word: str, a: Made, b: Made) -> Made:
 
 
 def negated(a: Made) -> Made:
+    """Return the negation of a condition; false with margin NaN if the condition has no margin."""
+
     def value(known: dict[str, float]) -> tuple[bool, float]:
         truth, margin = a[1](known)
         return not truth and not math.isnan(margin), -margin

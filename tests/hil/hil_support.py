@@ -112,7 +112,7 @@ class Wire:
 
 
 def j1850(identifier: int, payload: bytes, skip: int) -> int:
-    """Return the checksum described in the database's comment, computed by crccheck."""
+    """Return the checksum (as in the database's comment, by crccheck) of a payload with it in byte `skip`."""
     covered = struct.pack("<H", identifier & 0xFFFF) + payload[:skip] + payload[skip + 1 :]
     return int(Crc8SaeJ1850.calc(covered))
 
@@ -277,7 +277,7 @@ def issues_of(call: Callable[..., object], *arguments: Any, **named: Any) -> lis
 
 
 def keys_of(issues: Iterable[str]) -> list[str]:
-    """Return the keys of a file that issues are about."""
+    """Return the key in a file that each of these issues names."""
     return [issue.split(": ")[1] for issue in issues]
 
 
@@ -364,7 +364,7 @@ def transmitted(
 
 
 def pure(call: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a tick that does not modify its state, and whose frames stay unchanged."""
+    """Return the tick `call` as a function that does not modify its state, and whose frames stay unchanged."""
 
     def ticked(config: LoopConfig, state: LoopState, frames: Frames, given: Outside) -> Any:
         after, replies, truth, sensed = call(config, copied(state), frames, given)

@@ -69,6 +69,7 @@ def told_in(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
 
 
 def messages_in(path: Path) -> list[can.Message]:
+    """Return the frames of a recording as python-can or, of MCAP, the official reader gives them."""
     if path.suffix == ".mcap":
         return [
             can.Message(
@@ -89,6 +90,7 @@ def messages_in(path: Path) -> list[can.Message]:
 
 
 def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
+    """(identifier, 0 for an error frame; is extended; is remote; is an error; payload) of a message."""
     return (
         message.arbitration_id if not message.is_error_frame else 0,
         message.is_extended_id and not message.is_error_frame,
@@ -99,6 +101,7 @@ def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
 
 
 def many() -> list[tuple[int, bytes]]:
+    """Return 300 frames with payloads of 0 to 8 bytes, every third with a 29-bit identifier."""
     return [
         ((0x100 + number % 5) | (EXTENDED if number % 3 == 0 else 0), bytes([number % 256] * (number % 9)))
         for number in range(300)
@@ -106,6 +109,7 @@ def many() -> list[tuple[int, bytes]]:
 
 
 def read_csv(path: Path) -> list[dict[str, float]]:
+    """Return the rows of a CSV file as numbers by column."""
     with path.open(newline="") as stream:
         return [{name: float(text) for name, text in row.items()} for row in csv.DictReader(stream)]
 

@@ -54,6 +54,7 @@ class Keeper:
         return np.concatenate(self._frames)
 
     def bits(self) -> tuple[bytes, bytes]:
+        """Return the bytes of all rows, and of all frames with zeros after each payload."""
         frames = self.frames
         # What lies behind a payload in the ring is an older one's.
         frames["payload"][np.arange(64) >= frames["length"][:, np.newaxis]] = 0
@@ -82,6 +83,7 @@ class ScriptedEcu:
 
 
 def message(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
+    """Return a message of python-can with an 11-bit identifier."""
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=False, **more)
 
 
@@ -113,7 +115,7 @@ def releasing(seed: int = 1) -> Scenario:
 
 
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:
-    """Run a scenario, and return all its results."""
+    """Run a scenario; return its result, and a Keeper with all its rows and frames."""
     keeper = Keeper()
     request = RunRequest(scenario, ecu, record=more.pop("records", ()), **more)
     return run_plan(plan_of(Job(request)), sinks=[keeper]), keeper

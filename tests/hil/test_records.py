@@ -15,6 +15,7 @@ import liftgate_plant
 
 
 def modules() -> Iterator[ModuleType]:
+    """Import and yield all modules of the three packages."""
     for package in (liftgate_compiler, liftgate_hil, liftgate_plant):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             if not found.name.endswith("__main__"):

@@ -101,6 +101,7 @@ def test_the_suffix_of_a_file_column_is_its_unit(table: str) -> None:
 
 
 def check_ends(table: dict) -> None:
+    """Check that the suffix of each name is the unit of its signal."""
     units = {suffix: unit for unit, suffix in SUFFIXES.items() if suffix}
     for name, signal in table.items():
         told = units.get("_" + name.rpartition("_")[2], "")

@@ -11,8 +11,8 @@ _ACTIONS = ("stop", "open", "close")
 
 
 class Echo:
-    """Sends back each frame with a 29-bit identifier. Reports once how many steps it had made before, and each
-    request with the time of the step after it.
+    """An ECU that sends back each frame with a 29-bit identifier; reports at time 0 how many steps it had
+    made before, and each request with the time of its next step.
     """
 
     period_s: float | None = 0.001
@@ -44,7 +44,7 @@ class Echo:
 
 
 class Opener:
-    """A minimal ECU: coasts, and opens with a fixed duty once it is requested to open."""
+    """A minimal ECU: drives with 60 % duty after a request to open, else coasts; keeps the gate's angles [deg]."""
 
     def __init__(self) -> None:
         self._rig = shipped_rig()

@@ -36,7 +36,7 @@ HERE = Path(__file__).parent
 
 
 class Line(NamedTuple):
-    """A line of a bus log."""
+    """A line of a bus log; `tick` is its time [ms]."""
 
     tick: int
     identifier: int
@@ -45,6 +45,7 @@ class Line(NamedTuple):
 
 
 def lines_of(path: Path) -> list[Line]:
+    """Return the lines of a candump log, each with its time as a tick of 1 ms."""
     found = []
     for line in path.read_text().splitlines():
         match = re.fullmatch(r"\(([\d.]+)\) \S+ ([0-9A-F]+)#([0-9A-F]*) [RT]", line)
@@ -56,13 +57,14 @@ def lines_of(path: Path) -> list[Line]:
 
 
 def in_an_episode(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
+    """Run an ECU in an episode, which must pass; return the lines of the bus log."""
     result = lh.run(scenario, ecu, record=[log])
     assert result.verdict == "pass", result.reason
     return lines_of(log)
 
 
 def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
-    """Run an ECU as a peer on a virtual bus, ticked from Python."""
+    """Run an ECU as a peer on a virtual bus, ticked from Python; return the lines of the bus log."""
     channel = str(uuid.uuid4())
     ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
     config = loop_config()
@@ -98,7 +100,7 @@ KINDS = [pytest.param("library", marks=needs_compiler), "object", "echo_ecu:Echo
 
 @pytest.fixture
 def make(request: pytest.FixtureRequest) -> Callable[[str], Any]:
-    """Return a function that makes the argument `ecu` for a kind of ECU."""
+    """Return a function that makes the argument `ecu` of a run for a kind of ECU out of KINDS."""
 
     def made(kind: str) -> Any:
         if kind == "library":
@@ -188,7 +190,7 @@ def test_equivalent_ecus_in_c_and_python_give_the_same_run(echo_library: Path, t
 
 
 @pytest.mark.parametrize("drives", [1, 2])
-def test_the_reference_ecu_hears_each_frame_of_the_gate(rig: Rig, drives: int) -> None:
+def test_the_reference_ecu_receives_each_frame_of_the_gate(rig: Rig, drives: int) -> None:
     keeper = Keeper()
     with ReferenceEcu(rig, drives) as adapter:
         episode = episode_of([keeper], adapter)

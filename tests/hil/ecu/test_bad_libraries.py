@@ -37,6 +37,7 @@ AT = "now_ns == 50000000"
 
 
 def library(folder: Path, **bodies: str) -> Path:
+    """Build an ECU library whose functions run these C bodies (see `source_of`); return its path."""
     return build(folder, source_of(**bodies))
 
 
@@ -50,6 +51,7 @@ def check_that_the_caller_lives_on() -> None:
 
 
 def frame(length: int, flags: int = 0, identifier: int = 0x400) -> str:
+    """C code of a step that at AT sends a frame of this length, these flags and this identifier."""
     return (
         f"if ({AT}) {{ memset(out, 0, sizeof *out); out->id = {identifier}u; out->length = {length}; "
         f"out->flags = {flags}; return 1; }}"
@@ -212,7 +214,7 @@ def test_libraries_are_recognized_by_their_file_names(name: object, expected: bo
         assert is_library(Path(name)) is expected
 
 
-def test_loaded_objects_reach_the_worker_process(tmp_path: Path) -> None:
+def test_a_loaded_rig_and_vehicle_reach_the_process_of_a_library(tmp_path: Path) -> None:
     """All arguments of a run can be pickled."""
     rig = rig_from("liftgate")
     vehicle = vehicle_from("compact")
@@ -238,7 +240,7 @@ def test_after_a_crash_recording_and_summary_reach_up_to_the_crash(tmp_path: Pat
     assert float(last.split(",")[0]) > 1.5 - 0.52
 
 
-def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
+def test_a_stop_request_ends_the_run_of_a_slow_library_at_its_next_tick(tmp_path: Path) -> None:
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")

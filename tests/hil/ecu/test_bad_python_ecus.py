@@ -26,11 +26,11 @@ GOOD = [message(COMMAND, command_payload(shipped_rig(), n, **both(20.0, OPEN, 1)
 
 
 class Unusual(BaseException):
-    """An exception that is not an Exception."""
+    """An exception that derives from BaseException, but not from Exception."""
 
 
 class Speechless(Exception):
-    """An exception whose text cannot be formed."""
+    """An exception whose `str` and `repr` raise ZeroDivisionError."""
 
     def __str__(self) -> str:
         return str(1 // 0)
@@ -39,6 +39,8 @@ class Speechless(Exception):
 
 
 def raising(error: BaseException) -> Callable[[], Any]:
+    """Return a function that raises this error."""
+
     def raise_it() -> Any:
         raise error
 

@@ -22,7 +22,7 @@ NONE, OPEN, CLOSE, STOP = range(4)
 
 
 class Panel:
-    """A sender of button messages; `press` returns the request that the reference ECU decodes."""
+    """A sender of button messages; `press` returns the action that the reference ECU decodes, or NO_REQUEST."""
 
     def __init__(self) -> None:
         self._bus = restbus_of([SignalChange(NEVER, NAME, 0.0)], Sheet(), RIG.tables)

@@ -23,12 +23,13 @@ ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 
 def rod(angle_deg: float, stiffness: float = ROD, start: Instant = START, end: Instant = NEVER) -> TimedStimuli:
+    """Return stimuli with a rod that the closing gate meets at an angle, present from `start` to `end`."""
     body = Obstacle(np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0)
     return TimedStimuli({}, [TimedObstacle(body, start, end)])
 
 
 class Run:
-    """A finished run with the ECU's events and the columns of the recording."""
+    """A passed run of requests (time [s], action): the texts of its events, and the columns of its trace."""
 
     def __init__(
         self,
@@ -46,6 +47,7 @@ class Run:
         return self.result.trace[name]
 
     def texts(self) -> list[str]:
+        """Return the texts of the ECU's events, each up to its first bracket or comma."""
         return [event.text.split(" (")[0].split(",")[0] for event in self.result.events]
 
 
@@ -88,7 +90,7 @@ def test_an_undisturbed_gate_is_not_reversed(slope: float, voltage: float) -> No
     assert run.texts() == ["opening", "open", "closing", "closed and latched"] * 2
 
 
-def test_a_learned_reference_detects_no_later_than_an_unlearned_one() -> None:
+def test_a_learned_load_reference_allows_no_larger_pinch_force_than_an_unlearned_one() -> None:
     first = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, start=Instant(12.0)))
     second = Run(
         "suv",
@@ -101,7 +103,7 @@ def test_a_learned_reference_detects_no_later_than_an_unlearned_one() -> None:
 
 
 @pytest.mark.parametrize("stiffness", [20_000.0, 65_000.0])
-def test_stiff_rods_are_detected(stiffness: float) -> None:
+def test_stiff_obstacles_are_detected_while_closing(stiffness: float) -> None:
     run = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, stiffness))
     assert "trapped while closing" in run.texts()
 

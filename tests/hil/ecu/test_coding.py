@@ -24,7 +24,7 @@ def test_a_coding_scales_only_closing_speeds_and_anti_trap_limits() -> None:
         assert getattr(own, name) == getattr(CALIBRATED, name)
 
 
-def test_a_slower_coding_closes_later() -> None:
+def test_a_coding_with_a_lower_closing_speed_closes_the_gate_later() -> None:
     times = []
     for share in ("1", "0.7"):
         events = lh.run("demo", settings=(f"coding.closing_speed={share}",)).events

@@ -14,7 +14,7 @@ from liftgate_hil.config.shipped import find_config
 
 
 def rig_of_cycle(folder: Path, cycle_ms: float) -> Path:
-    """Return the shipped rig with another cycle of the command message."""
+    """Write the shipped rig with another cycle of the command message; return its path."""
     shipped = find_config("rigs", "liftgate").read_text()
     head = "[messages.DriveCommand]\n"
     assert head in shipped
@@ -30,7 +30,7 @@ def demo(rig: Path) -> lh.Result:
 
 
 def travel_times(result: lh.Result) -> list[float]:
-    """Return the times to learn the travel, to open and to close."""
+    """Return the durations [s] of learning the travel, of opening and of closing, each from its request on."""
     starts = {
         "open, travel learned": 0.5, "open": 22.5, "closed and latched": 29.0
     }  # fmt: skip
@@ -60,12 +60,12 @@ def test_the_gate_opens_reverses_closes_and_latches_at_any_cycle(tmp_path: Path,
 
 
 @pytest.mark.parametrize("cycle_ms", [5, 20, 50])
-def test_motions_take_as_long_as_with_the_databases_cycle(tmp_path: Path, cycle_ms: int) -> None:
+def test_motions_take_equally_long_at_any_command_cycle(tmp_path: Path, cycle_ms: int) -> None:
     slow, usual = (demo(rig_of_cycle(tmp_path, cycle)) for cycle in (cycle_ms, 10))
     assert travel_times(slow) == pytest.approx(travel_times(usual), rel=0.02)
 
 
-def test_a_cycle_that_is_no_whole_number_of_ticks_is_kept_on_average(tmp_path: Path) -> None:
+def test_a_command_cycle_of_no_whole_number_of_ticks_is_kept_on_average(tmp_path: Path) -> None:
     result = lh.run("demo", rig=rig_of_cycle(tmp_path, 7.5), duration=9.0)
     assert result.summary.received.accepted == 9.0 / 0.0075
     assert result.summary.command_timeouts == 0

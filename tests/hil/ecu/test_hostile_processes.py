@@ -96,7 +96,7 @@ class ClosesEarly(Base):
 
 
 @pytest.fixture(autouse=True)
-def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _short_deadlines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.HANG_S", 1.0)
     monkeypatch.setattr("liftgate_hil.isolate.isolation.EXIT_S", 1.0)
     monkeypatch.chdir(tmp_path)
@@ -108,12 +108,13 @@ def be_patient(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(f"liftgate_hil.isolate.isolation.{name}", 60.0)
 
 
-def of_python(name: str, clock: str = "free") -> lh.Result:
+def run_of_class(name: str, clock: str = "free") -> lh.Result:
+    """Run SCENARIO with a class of hostile.py as ECU, in a process of its own."""
     return execute(plan_of(Job(RunRequest(SCENARIO, f"hostile:{name}", clock), is_isolated=True)))
 
 
 def on(clocks: Sequence[str], *case: Any) -> list[Any]:
-    """Return a test case on each of these clocks."""
+    """Return a test case for each of these clocks: the clock, then the values of `case`, whose first is a name."""
     return [pytest.param(clock, *case, id=f"{clock}-{case[0]}") for clock in clocks]
 
 
@@ -132,7 +133,7 @@ def on(clocks: Sequence[str], *case: Any) -> list[Any]:
     ],
 )
 def test_an_ecu_class_that_exits_or_hangs_is_an_error_with_its_cause(clock: str, name: str, said: str) -> None:
-    result = of_python(name, clock)
+    result = run_of_class(name, clock)
     assert result.verdict == "error"
     assert result.reason.startswith("the ECU at 0.")
     assert said in result.reason
@@ -149,13 +150,13 @@ def test_side_effects_of_an_ecu_class_do_not_change_the_verdict(
     be_patient(monkeypatch, "HANG_S")
     if not notes:
         be_patient(monkeypatch, "EXIT_S")
-    result = of_python(name, clock)
+    result = run_of_class(name, clock)
     assert (result.verdict, result.reason, result.notes) == ("pass", "", notes)
 
 
 def test_garbage_written_to_the_bus_descriptors_is_survived_or_reported() -> None:
     """In real time the ECU's process has descriptors of the bus itself."""
-    result = of_python("Writes", "realtime")
+    result = run_of_class("Writes", "realtime")
     assert result.verdict == "pass" or result.reason
 
 
@@ -164,7 +165,7 @@ def test_an_ecu_class_that_closes_or_writes_to_all_descriptors_can_be_judged(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     be_patient(monkeypatch, "HANG_S")
-    result = of_python(name)
+    result = run_of_class(name)
     assert (result.verdict, result.reason) == ("pass", "")
 
 
@@ -188,7 +189,7 @@ def test_the_recording_with_a_hostile_ecu_is_complete_or_its_loss_is_reported(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_an_exception_in_a_property_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_exception_in_a_property_of_an_ecu_class_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     Path("s.toml").write_text('duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n')
     assert main(["test", "s.toml", "--ecu", "hostile:Property"]) == 2
     said = "period_s: ValueError: no such thing (hostile.py, line "
@@ -197,7 +198,7 @@ def test_an_exception_in_a_property_is_reported(capsys: pytest.CaptureFixture[st
 
 def test_processes_started_by_an_ecu_end_with_its_run(monkeypatch: pytest.MonkeyPatch) -> None:
     be_patient(monkeypatch, "HANG_S")
-    assert of_python("Leaves", "lockstep").verdict == "pass"
+    assert run_of_class("Leaves", "lockstep").verdict == "pass"
     child = int(Path("child").read_text())
     until = time.monotonic() + 20.0
     while Path(f"/proc/{child}").exists() and time.monotonic() < until:
@@ -209,7 +210,7 @@ def test_output_printed_by_an_ecu_is_not_in_the_results(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     be_patient(monkeypatch, "HANG_S")
-    assert of_python("Prints").verdict == "pass"
+    assert run_of_class("Prints").verdict == "pass"
     said = capfd.readouterr()
     assert said.out == ""
     assert "its own words" in said.err
@@ -266,7 +267,7 @@ def test_a_library_that_hangs_at_exit_is_still_judged(tmp_path: Path, monkeypatc
     assert (result.verdict, result.notes) == ("pass", NOT_EXITED)
 
 
-def test_a_stop_request_works_while_the_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_request_works_while_the_ecus_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.isolation.EXIT_S", 600.0)
     job = Job(RunRequest(SCENARIO, "hostile:Thread"), is_isolated=True)
     asked = []

@@ -31,6 +31,7 @@ class Opening:
         self.run(10)
 
     def step(self, moves: float = COUNTS, **said: Any) -> DriveCommand:
+        """Make a cycle in which the gate moves by `moves` counts; `said` replaces fields of the feedback."""
         self.count += moves
         rng = np.random.default_rng(self.cycle)
         heard = {

@@ -34,7 +34,7 @@ def new_drive() -> Any:
 def feed(
     guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
 ) -> TrapDecision | None:
-    """Feed a guard a load from a position on, by `step` counts per cycle; return the verdict if trapped."""
+    """Feed a guard a load from a position on, `step` counts a cycle; return its verdict if trapped, or None."""
     for cycle in range(cycles):
         place = position + cycle * step
         verdict = watch(K, guard, load, place, TRAVEL, hidden=0.0, in_seal=place < C.seal_zone)
@@ -61,6 +61,7 @@ def pass_blank_time(guard: Any) -> None:
 
 
 def duty_of(drive: Any, wanted: float, speed: float, voltage: float) -> float:
+    """Return the controlled duty of a drive at a wanted and an actual speed [counts/s] and a voltage [V]."""
     drive.speed = speed
     return controlled_duty(K, drive, wanted, voltage)
 
@@ -136,7 +137,7 @@ def test_counts_alone_give_the_speed_despite_missing_samples() -> None:
 
 
 def loads_while_accelerating(is_sharp: bool) -> list[float]:
-    """Return the loads computed for a drive whose current only accelerates it, at a rising rate."""
+    """Return the loads [A] of a drive that its current only accelerates; `is_sharp`: with its speed on the bus."""
     drive, speed, loads = new_drive(), 0.0, []
     for cycle in range(100):
         slope = 2.5 * cycle  # rev/s²
@@ -198,7 +199,7 @@ def test_a_slow_rise_of_the_load_over_the_travel_is_followed() -> None:
         assert feed(guard, 1.0 + 0.002 * step, 1) is None
 
 
-def test_a_learned_reference_has_a_narrower_limit() -> None:
+def test_a_learned_load_reference_has_a_narrower_limit() -> None:
     between = 1.5 + 0.99 * C.excess_unlearned
     known, fresh = learned({HALFWAY: 1.5}), new_guard()
     for guard in known, fresh:
@@ -208,8 +209,8 @@ def test_a_learned_reference_has_a_narrower_limit() -> None:
     assert feed(fresh, between, 6) is None
 
 
-def test_a_steep_learned_reference_has_a_wider_limit() -> None:
-    """By the possible error of the position."""
+def test_a_steep_learned_load_reference_has_a_wider_limit() -> None:
+    """It is wider by the load that the possible error of the position makes."""
     fine = (FINE_TO - FINE_FROM) / FINE
     centres = {FINE_FROM + (k + 0.5) * fine: 0.0 for k in range(FINE)}
     flat = learned(centres)
@@ -226,7 +227,7 @@ def test_a_steep_learned_reference_has_a_wider_limit() -> None:
     assert feed(steep, 0.05 * place + tolerated, 3, place) is not None
 
 
-def test_the_reference_is_extrapolated_beyond_its_last_known_position() -> None:
+def test_the_load_reference_is_extrapolated_beyond_its_last_known_position() -> None:
     """A gate that is a count farther than ever is not trapped."""
     fine = (FINE_TO - FINE_FROM) / FINE
     guard = learned({FINE_FROM + (k + 0.5) * fine: -0.1 * k for k in range(5, 20)})
@@ -237,8 +238,8 @@ def test_the_reference_is_extrapolated_beyond_its_last_known_position() -> None:
     assert np.isnan(reference_at(guard, bin_at(FINE_FROM + 0.5 * fine, TRAVEL))[0])
 
 
-def test_the_limit_is_wider_while_the_wanted_speed_changes() -> None:
-    """By the possible error of the inertia."""
+def test_the_load_limit_is_wider_while_the_wanted_speed_changes() -> None:
+    """It is wider by the load that the possible error of the inertia makes."""
     for hidden, is_trapped in ((0.0, True), (1.0, False)):
         guard = learned({HALFWAY: 1.0})
         pass_blank_time(guard)
@@ -249,7 +250,7 @@ def test_the_limit_is_wider_while_the_wanted_speed_changes() -> None:
         assert verdict.is_trapped == is_trapped
 
 
-def test_the_seal_is_judged_only_after_it_was_learned() -> None:
+def test_the_load_of_the_seal_is_judged_only_after_it_was_learned() -> None:
     guard = new_guard()
     begin_run(guard)
     feed(guard, 1.0, 100)
@@ -261,7 +262,7 @@ def test_the_seal_is_judged_only_after_it_was_learned() -> None:
     assert feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone) is not None
 
 
-def test_a_learned_reference_is_updated_slowly_by_later_runs() -> None:
+def test_a_learned_load_reference_is_updated_slowly_by_later_runs() -> None:
     guard = new_guard()
     for load in (1.0, 2.0):
         begin_run(guard)
@@ -276,12 +277,13 @@ def test_a_learned_reference_is_updated_slowly_by_later_runs() -> None:
 
 
 def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedback:
+    """Return feedback of a gate with the left drive alone, at a position `count`, with 12 V."""
     nan = np.nan
     return Feedback(current, nan, count, nan, nan, nan, latched, latched, 12.0, nan, nan, nan)
 
 
 class Controller:
-    """A state machine with one drive alone, which finds the gate at a count."""
+    """A state machine with one drive alone, whose gate is at `count` when it starts."""
 
     def __init__(self, count: float = 1500.0, latched: bool = False) -> None:
         self.memory: EcuMemory = new_memory(1)
@@ -377,7 +379,7 @@ def test_only_the_latest_events_are_kept() -> None:
 
 
 def records_of(own: EcuMemory) -> dict[str, Any]:
-    """Return the words of a memory in a control cycle, without events, statuses and checksums over all cycles."""
+    """Return the 64-bit words of a memory by record, without events, statuses and checksums over all cycles."""
     names = ("command", "control", "drives", "guards")
     return {name: getattr(own, name).view(np.uint64).reshape(-1) for name in names}
 

@@ -36,7 +36,7 @@ Rows = list[tuple[int, bytes]]
 
 
 def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]) -> list[int]:
-    """Return the times [ms] at which an Echo reports a request."""
+    """Return the times [ms] at which an Echo reports a request; `heard` are frames by their arrival [ms]."""
     wire = Wire()
     peer = Peer(adapter, wire, by_the_clock(requests))
     times = []
@@ -76,7 +76,7 @@ def test_a_peer_reports_whether_it_has_heard_the_gate(rig: Rig, kind: str) -> No
         assert not peer.has_heard_the_gate
         gate = rig.messages["Gate"].encode({"Angle": 3.0, "LatchState": 0, "TerminalVoltage": 12})
         drives = [
-            (identifier, with_drive(rig, name, identifier))
+            (identifier, drive_payload(rig, name, identifier))
             for identifier, name in ((LEFT_DRIVE, "LeftDrive"), (LEFT_DRIVE + 1, "RightDrive"))
         ]
         wire.inbox = [(GATE, gate), *drives]
@@ -84,7 +84,7 @@ def test_a_peer_reports_whether_it_has_heard_the_gate(rig: Rig, kind: str) -> No
         assert peer.has_heard_the_gate
 
 
-def with_drive(rig: Rig, name: str, identifier: int) -> bytes:
+def drive_payload(rig: Rig, name: str, identifier: int) -> bytes:
     values = {"MotorCurrent": 0, "HallCount": 0, "HallSpeed": 0, "AliveCounter": 0, "Checksum": 0}
     return with_checksum(identifier, rig.messages[name].encode(values))
 
@@ -140,7 +140,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> str:
 
 @pytest.fixture
 def ecu_on(bus: str) -> Iterator[Any]:
-    """Return a function that starts `liftgate-hil ecu`, which is ended with the test."""
+    """Return a function that starts `liftgate-hil ecu` on `bus` with these arguments, ended with the test."""
     children = []
 
     def start(*arguments: str) -> subprocess.Popen[str]:

@@ -64,6 +64,7 @@ class Ecu(BaseConnection):
         return None
 
     def turn(self) -> None:
+        """Let 1 ms pass: frames of the client reach the server, and its answers the client."""
         room = empty_frames(MOST_SPOKEN)
         said = frames_of(rows_of(room._replace(count=speak(self.link, room, 0, self.now_ns))))
         statuses = self.memory.statuses
@@ -79,12 +80,13 @@ class Ecu(BaseConnection):
                 self.answers.append(message_in(self.link, length))
 
     def said(self, request: str) -> str:
-        """Return the answer to a request in hexadecimal."""
+        """Return the answer to a request, both in hexadecimal; an empty text for no answer."""
         self.answers.clear()
         self.specific_send(bytes.fromhex(request))
         return (self.specific_wait_frame() or b"").hex()
 
     def happens(self, *codes: int) -> None:
+        """Let the ECU's events of these codes occur, and update the statuses of the trouble codes."""
         for code in codes:
             note_event(self.memory, code, NO_VERDICT)
         note_statuses(self.memory)
@@ -102,6 +104,7 @@ def client(ecu: Ecu) -> Iterator[Client]:
 
 
 def codes_of(client: Client, mask: int = 0xFF) -> dict[str, int]:
+    """Return the status byte by trouble code, of codes whose status has a bit of the mask."""
     found = client.get_dtc_by_status_mask(mask)
     assert found.service_data.status_availability.get_byte_as_int() == status.AVAILABLE
     return {text_of(each.id): each.status.get_byte_as_int() for each in found.service_data.dtcs}

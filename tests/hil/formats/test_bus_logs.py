@@ -28,7 +28,7 @@ from liftgate_hil.testing.rejudge import judge
 
 
 class Read(NamedTuple):
-    """A frame read from a log, for comparison."""
+    """A frame read from a log; its payload in hexadecimal, or R and the length of a remote frame."""
 
     time_s: float
     identifier: int
@@ -37,6 +37,7 @@ class Read(NamedTuple):
 
 
 def frames_in(log: Recording) -> list[Read]:
+    """Return all frames of a log, with times rounded to 1 µs."""
     found = []
     for row in np.concatenate([no_logged(), *log.frames()]):
         is_remote = row["identifier"] & REMOTE
@@ -57,6 +58,7 @@ def read(path: Path, *lines: str, how: ReadOptions | None = None) -> tuple[list[
 
 
 def refusal(path: Path, *lines: str) -> str:
+    """Return the single issue with which a log of these lines is refused."""
     written(path, *lines)
     with pytest.raises(ConfigError) as caught:
         list(open_recording(path).frames())
@@ -103,6 +105,7 @@ def messages(draw: st.DrawFn, can_fd: bool = True) -> can.Message:
 
 
 def as_read(message: can.Message) -> tuple[int, str, bool]:
+    """Return identifier with flags, payload (as in Read) and whether it was sent, of a message."""
     identifier = message.arbitration_id
     for is_so, flag in (
         (message.is_extended_id, EXTENDED), (message.is_remote_frame, REMOTE), (message.is_fd, FD),
@@ -365,11 +368,13 @@ def blf(path: Path, *objects: bytes, inside: Sequence[bytes] = ()) -> Path:
 
 
 def blf_object(kind: int, body: bytes, stamp_ns: int = 0) -> bytes:
+    """Return an object of a BLF file of a type (`kind`), with its time [ns]."""
     text = struct.pack("<4sHHLLLHHq", b"LOBJ", 32, 1, 32 + len(body), kind, 2, 0, 0, stamp_ns) + body
     return text + b"\0" * (len(text) % 4)
 
 
 def blf_message(number: int, flags: int = 0, stamp_ns: int = 0, channel: int = 1) -> bytes:
+    """Return a CAN message of a BLF file with the identifier `number` and the payload 01 02."""
     return blf_object(1, struct.pack("<HBBL8s", channel, flags, 2, number, b"\1\2"), stamp_ns)
 
 

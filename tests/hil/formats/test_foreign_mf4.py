@@ -30,6 +30,7 @@ def channel(name: str, raw: Any, conversion: dict[str, Any] | None = None, unit:
 
 
 def saved(path: Path, *groups: list[Any]) -> Path:
+    """Save groups of channels in an MF4 file; return its path."""
     with asammdf.MDF(version="4.10") as measured:
         for group in groups:
             measured.append(group, acq_name=path.stem if len(groups) == 1 else "")
@@ -38,10 +39,12 @@ def saved(path: Path, *groups: list[Any]) -> Path:
 
 
 def default(conversion: dict[str, Any]) -> dict[str, Any]:
+    """Return the entry of value texts that applies this conversion to all other values."""
     return {"default_addr": from_dict(dict(conversion))}
 
 
 def read(path: Path, name: str) -> list[float]:
+    """Return the values of a column without missing ones. Raises ConfigError with all issues."""
     issues: list[str] = []
     found = open_file(path).read([name], issues)
     if issues:
@@ -50,6 +53,7 @@ def read(path: Path, name: str) -> list[float]:
 
 
 def rows_of(path: Path, name: str) -> list[float]:
+    """Return the values of a column as they are in rows, NaN for missing ones."""
     recording = open_recording(path)
     return np.concatenate(list(recording.rows(["time_s", name])))[:, 1].tolist()
 
@@ -90,7 +94,7 @@ def test_a_numeric_conversion_is_applied(tmp_path: Path, conversion: dict[str, f
     assert read(path, "Angle") == rows_of(path, "Angle") == expected
 
 
-def test_an_invalid_sample_counts_as_missing_in_every_command(tmp_path: Path) -> None:
+def test_an_invalid_sample_counts_as_missing_in_columns_and_in_rows(tmp_path: Path) -> None:
     bits = np.array([False, True, False, False, True, False])
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0), invalidation_bits=bits)])
     assert read(path, "Angle") == [0.0, 2.0, 3.0, 5.0]

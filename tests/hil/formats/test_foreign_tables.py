@@ -21,7 +21,7 @@ from liftgate_hil.measurement.table import read_table
 
 
 def series_in(path: Path, *names: str, zone: str | None = None) -> dict[str, FileColumn]:
-    """Return the columns of a file. Raises ConfigError with all issues."""
+    """Return these columns of a file, by name, with dates in a time zone. Raises ConfigError with all issues."""
     file = open_file(path, how=ReadOptions(zone=None if zone is None else ZoneInfo(zone)))
     issues: list[str] = []
     found = file.read(names, issues)

@@ -39,6 +39,7 @@ class Kept(io.BytesIO):
 
 
 def as_read(value: float) -> float | None:
+    """Return what JSON has for a number: None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
@@ -74,7 +75,7 @@ def test_rows_read_back_by_pythons_json_are_equal(rows: list[list[float]], whole
 
 
 def record(stream: Any, content: Content = BOTH) -> tuple[McapWriter, np.ndarray]:
-    """Write a file of several chunks, with rows that include NaN, and frames between them; return its rows."""
+    """Write several chunks of rows, some NaN, with frames between them; return the open writer and the rows."""
     parts = [rows_from(0, 1500), rows_from(1500, 1), rows_from(1501, 3000)]
     parts[2][7, 3], parts[2][9, 4] = math.nan, -math.inf
     recorder = McapWriter(stream, content)

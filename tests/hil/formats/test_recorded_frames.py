@@ -23,6 +23,7 @@ BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 
 
 def recorded(path: Path, blocks: list[object], channel: str = "bench", epoch_ns: int = 0) -> list[can.Message]:
+    """Record blocks of frames, and return the messages that another program reads in the file."""
     recorder = open_writer(path, Content(BOTH.columns, channel))
     recorder.begin(epoch_ns)
     for block in blocks:
@@ -35,7 +36,7 @@ def recorded(path: Path, blocks: list[object], channel: str = "bench", epoch_ns:
 
 
 def epoch_of(suffix: str, epoch_ns: int) -> float:
-    """Return the origin of a reader's times; ASC and MCAP give times since the start of the measurement."""
+    """Return the origin [s] of a reader's times: 0 for ASC and MCAP, which count from the recording's start."""
     return 0.0 if suffix in (".asc", ".mcap") else epoch_ns / 1e9
 
 
@@ -212,6 +213,7 @@ TEXT = "gate squeaks – left"
 
 
 def written(path: Path) -> Path:
+    """Write a recording of six rows, three frames and a mark; return its path."""
     writer = open_writer(path, BOTH)
     writer.begin(1_700_000_000_000_000_000)
     writer.write_rows(rows_from(0, 3))
@@ -224,7 +226,7 @@ def written(path: Path) -> Path:
 
 
 def unpacked(path: Path) -> bytes:
-    """Return the objects of a BLF with one container."""
+    """Return the uncompressed objects of a BLF with one container, as bytes."""
     content = path.read_bytes()
     return zlib.decompress(content[content.index(b"LOBJ") + 32 :])
 

@@ -48,6 +48,7 @@ NUMBERS = [0.0, -0.0, 1.0 / 3.0, math.pi * 1e-300, -1e22, 5e-324, 0.1 + 0.2, 1e1
 
 
 def unit_in(path: Path, name: str) -> str:
+    """Return the unit of a column as other programs read it."""
     if path.suffix == ".parquet":
         from pyarrow import parquet
 
@@ -139,6 +140,7 @@ def one_by_one(names: list[str], rows: np.ndarray) -> bytes:
 
 @pytest.fixture(params=["plain", "compiled"])
 def text(request: pytest.FixtureRequest) -> CsvText:
+    """The writer of CSV lines of all columns, in plain Python and in machine code."""
     made = CsvText(columns_of(2))
     if request.param == "plain":
         made._put = put_lines

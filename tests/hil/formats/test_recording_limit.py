@@ -22,6 +22,7 @@ BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
 
 
 def recorded(path: Path, limit: Limit, rows: int, frames: int) -> list[Path]:
+    """Record these numbers of rows and frames with a limit; return the paths of the files."""
     random = np.random.default_rng(1)
     recorder = open_writer(path, BOTH, limit)
     recorder.begin(10**18)

@@ -24,6 +24,7 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # asammdf's own
 
 
 def record(path: Path, first: int, content: Content = BOTH, said: list[str] | None = None) -> bytes:
+    """Record three rows and a frame, all numbered from `first` on; return the content of the file."""
     recorder = open_writer(path, content, say=(said if said is not None else []).append)
     recorder.begin(0)
     recorder.write_rows(rows_from(first, 3))
@@ -109,6 +110,7 @@ def test_a_log_that_was_changed_later_counts_as_foreign(tmp_path: Path, suffix: 
 
 
 def unsupported(*_: object) -> bytes:
+    """Raise the error of a file system that does not support an operation."""
     raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
 
@@ -122,7 +124,7 @@ def test_without_extended_attributes_logs_are_foreign(tmp_path: Path, monkeypatc
 
 @pytest.mark.parametrize(("drives", "offline"), [(1, False), (2, False), (1, True), (2, True)])
 @pytest.mark.parametrize("epoch_ns", [0, 10**18])
-def test_every_table_of_this_program_is_known(tmp_path: Path, drives: int, offline: bool, epoch_ns: int) -> None:
+def test_tables_of_this_program_are_recognized(tmp_path: Path, drives: int, offline: bool, epoch_ns: int) -> None:
     content = Content(columns_of(drives, offline))
     assert is_ours(recorded_rows(tmp_path / "run.csv", content=content, epoch_ns=epoch_ns))
 

@@ -73,7 +73,7 @@ def of_hall_counts(seeds: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coloured(data: Data, seed: int, share: float) -> Data:
-    """Add first-order autoregressive noise of the usual standard deviation to the outputs."""
+    """Return data with added autoregressive noise (lag-one correlation `share`) of standard deviation NOISE."""
     rng = np.random.default_rng(seed)
     outputs = {}
     for name, values in data.outputs.items():
@@ -165,7 +165,7 @@ THINNED = [(None, 7), (None, 25), (211.0, 1), (500.0, 4)]
 
 
 def opening(seed: int | None, quantum: float = 0.0) -> Data:
-    """Measurement of 3 s at 2 kHz of an opening by a voltage that ramps up, then steps."""
+    """Measurement of 3 s at 2 kHz of an opening by ramp and steps; `quantum`: of the positions [rev], 0: exact."""
     times = np.arange(6001) / 2000.0
     volts = 12.0 * np.clip(times / 0.3, 0.0, 1.0) - 3.0 * (np.floor(times / 0.37) % 2)
     noise = {"left_current_a": 0.05, "left_position_rev": 0.0 if quantum else 0.05}
@@ -184,7 +184,7 @@ def thinned_problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
 
 
 def of_thinned_data(rate: float | None, factor: int, quantum: float, seeds: Iterable[int]) -> np.ndarray:
-    """Scores (seeds, parameters) of thinned data, all parameters identifiable and within 1 %."""
+    """Scores (seeds, parameters) of data at `rate` [Hz], one in `factor` kept; all parameters within 1 %."""
     z = []
     for seed in seeds:
         few = thinned(opening(seed, quantum), rate, factor, QUANTUM)

@@ -37,7 +37,7 @@ def true_vehicle(truth: Mapping[str, float] = TRUTH, name: str = "suv") -> Vehic
 
 
 def there_and_back(seconds: float = 2.0, rate: float = 200.0) -> tuple[np.ndarray, np.ndarray]:
-    """Times and voltage of an opening that is reversed."""
+    """Times [s] and voltage [V] of an opening that is reversed."""
     times = np.arange(round(seconds * rate) + 1) / rate
     volts = np.select([times < 0.5 * seconds, times < 0.6 * seconds], [12.0, 0.0], -9.0)
     return times, volts
@@ -88,7 +88,7 @@ def later(data: Data, seconds: float, from_zero: bool = True) -> Data:
 
 
 def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) -> list[Sought]:
-    """Parameters to estimate, from the values of the vehicle or of the shipped SUV, within their bounds."""
+    """Parameters to estimate, from a vehicle's values (None: the SUV's); `limits` replaces fields of Sought."""
     vehicle = vehicle_from("suv") if vehicle is None else vehicle
     found = []
     for name in names:

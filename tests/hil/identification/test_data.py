@@ -60,14 +60,14 @@ def test_rest_and_motion_are_distinguished_in_hall_counts(seed: int, phase: floa
     assert not begins_at_rest(later(data, 1.0))
 
 
-def test_a_start_with_the_first_sample_is_a_start_from_rest() -> None:
+def test_data_with_a_voltage_from_the_first_sample_on_begin_at_rest() -> None:
     for noise in (POSITION, SPEED, ANGLE):
         assert begins_at_rest(measured(suv(), "full", noise, 1, 40.0, opening(0.0)))
 
 
 @pytest.mark.parametrize("volts", [6.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0])
 @pytest.mark.parametrize("quantum", [0.25, 0.5])
-def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: float, quantum: float) -> None:
+def test_hall_counts_with_a_voltage_from_the_first_sample_on_begin_at_rest(volts: float, quantum: float) -> None:
     times, _ = opening(0.0, 3.0, 1000.0)
     data = measured(suv(), "full", {"left_position_rev": 0.0}, None, 20.0, (times, np.full(3001, volts)))
     data = with_outputs(data, left_position_rev=quantum * np.floor(data.outputs["left_position_rev"] / quantum))
@@ -75,7 +75,7 @@ def test_a_step_with_the_first_sample_is_a_start_from_rest_in_counts_too(volts: 
     assert not begins_at_rest(later(data, 1.0))
 
 
-def test_a_zero_before_the_first_difference_of_a_position_is_no_rest() -> None:
+def test_a_moving_gate_whose_first_speed_is_zero_is_not_at_rest() -> None:
     whole = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 40.0, opening(0.0, 2.0, 1000.0))
     data = later(whole, 1.0)
     speed = data.outputs["left_speed_rps"].copy()
@@ -255,7 +255,7 @@ def test_a_closed_gate_creeping_into_its_seal_counts_as_resting(noise: dict[str,
         assert begin.start.latched == 1.0 - released
 
 
-def test_a_closed_gate_begins_latched_if_only_its_speed_or_an_offset_angle_is_measured() -> None:
+def test_a_closed_gate_begins_latched_even_if_only_its_speed_or_an_offset_angle_is_measured() -> None:
     for noise, offset in ((SPEED, 0.0), ({"gate_angle_deg": 0.02}, -0.5)):
         data = pause(suv(), 0.0, noise)
         outputs = {name: values + offset for name, values in data.outputs.items()}

@@ -41,6 +41,7 @@ def later_driven(
 
 
 def problem_of(data: Data) -> Problem:
+    """Problem at the true vehicle, without unknown parameters."""
     return Problem(true_vehicle(), "third-order", [], [data], list(data.outputs), 20.0)
 
 
@@ -91,7 +92,7 @@ def test_an_offset_stated_in_the_vehicle_file_is_not_reported_again() -> None:
     assert offsets_at_rest(dataclasses.replace(problem_of(data), sought=estimated_too)) == []
 
 
-def test_both_commands_warn_of_an_offset_at_rest() -> None:
+def test_identify_and_validate_warn_of_an_offset_at_rest() -> None:
     data = later_driven(offset=0.3)
     result = estimated(true_vehicle(), "third-order", ["motor.resistance"], [data])
     for warnings in (warnings_of(result), validation_warnings(validated(problem_of(data)))):
@@ -136,6 +137,7 @@ def test_a_slow_initial_motion_that_may_be_noise_is_warned_of(begin: float, dist
 
 
 def hints_on(data: Data) -> list[str]:
+    """Hints that data of the true vehicle have another unit or sign."""
     problem = problem_of(data)
     return hints(problem, problem.initial)
 

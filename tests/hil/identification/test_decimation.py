@@ -66,8 +66,8 @@ def test_an_input_delay_is_applied_to_thinned_data_too() -> None:
 
 
 @pytest.mark.parametrize("factor", [5, 20])
-def test_samples_after_the_delayed_inputs_end_are_left_out(factor: int) -> None:
-    """With inputs delayed by 50 ms, the samples of the last 50 ms are left out."""
+def test_samples_after_the_end_of_early_acting_inputs_are_left_out(factor: int) -> None:
+    """With inputs that act 50 ms before their timestamps, the samples of the last 50 ms are left out."""
     data = opening(None)
     volts = np.where(data.times > data.times[-1] - 0.04, -6.0, data.inputs[:, 0])
     both = data.inputs.copy()

@@ -15,7 +15,7 @@ from tests.plant.runs import suv
 OUTPUTS = [*NOISE]
 
 
-def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
+def test_the_pseudo_random_binary_sequence_has_its_full_period_and_is_balanced() -> None:
     bits = prbs(3 * 1023)
     assert np.array_equal(bits[:1023], bits[1023:2046])
     assert all(
@@ -33,6 +33,7 @@ def test_the_random_sequence_has_its_full_period_and_is_balanced() -> None:
 
 
 def one_way_and_back() -> list[Candidate]:
+    """Candidate experiments of 3 s: two openings, and one that is reversed."""
     times = np.arange(601) / 200.0
     back = np.select([times < 1.5, times < 1.6], [12.0, 0.0], -9.0)
     return [
@@ -53,7 +54,7 @@ def test_a_reversal_separates_friction_from_preload_better_than_a_one_way_motion
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_expected_standard_deviation_is_that_of_the_identification(model: str) -> None:
+def test_the_planned_standard_deviations_agree_with_those_of_the_identification(model: str) -> None:
     vehicle = suv()
     drive = (one_way_and_back()[2].times, one_way_and_back()[2].voltage)
     (expected,) = plan(vehicle, model, sought([*TRUTH]), OUTPUTS, one_way_and_back()[2:]).ranked
@@ -160,7 +161,7 @@ def test_the_expected_information_of_positions_matches_that_of_counts(rate: floa
     assert np.all(ratio < 2.5)
 
 
-def test_each_bit_of_a_planned_prbs_begins_with_its_row():
+def test_the_bits_of_a_planned_prbs_change_at_multiples_of_their_duration():
     """In floating point, 0.3 s divided by 0.05 s is less than 6."""
     (found,) = [each for each in candidates(suv(), 4.0, 1000.0) if each.name == "PRBS of 50 ms, opening"]
     changes = np.flatnonzero(np.diff(found.voltage)) + 1

@@ -25,16 +25,19 @@ NOISE = {"left_current_a": 0.05, "left_speed_rps": 0.3, "gate_angle_deg": 0.05}
 
 
 def changed(vehicle: Vehicle, name: str, factor: float) -> Vehicle:
+    """Return the vehicle with a parameter multiplied by a factor."""
     parameter = find_parameter(vehicle, name)
     return with_value(vehicle, parameter, factor * value_of(vehicle, parameter))
 
 
 def found(vehicle: Vehicle, truth: Vehicle, names: list[str], drive: Any, noise: Any = NOISE) -> Identification:
+    """Identify these parameters of `vehicle`, the others fixed, from data simulated of `truth`."""
     data = measured(truth, "full", noise, 1, drive=drive)
     return fitted(Problem(vehicle, "full", sought(names, vehicle), [data], list(data.outputs), 20.0))
 
 
 def fixed(result: Identification, name: str) -> FixedParameter:
+    """Return what a result reports on one fixed parameter."""
     return next(each for each in result.fixed if each.name == name)
 
 

@@ -28,6 +28,7 @@ def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def estimate(fit: Any) -> tuple[float, float]:
+    """Return value and standard deviation of the only estimated parameter."""
     (found,) = fit.parameters
     return found.value, found.std
 

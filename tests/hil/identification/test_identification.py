@@ -43,7 +43,7 @@ def vehicle() -> Vehicle:
 
 
 @pytest.mark.parametrize(("model", "count"), [("full", 4), ("third-order", 8), ("second-order", 8)])
-def test_errors_match_the_standard_deviations(model: str, count: int) -> None:
+def test_estimation_errors_match_the_reported_standard_deviations(model: str, count: int) -> None:
     z = many_seeds.of_white_noise(model, range(count))
     # Of 40 values the mean has a standard deviation of about 0.16, the rms of 0.11; of 20, 0.22 and 0.16.
     assert np.abs(z).max() < 3.5
@@ -351,7 +351,7 @@ def test_the_information_criteria_of_a_result_follow_from_its_loss(vehicle: Vehi
     assert result.stop_reason.startswith("converged")
 
 
-def test_a_model_without_the_true_effect_is_worse_by_every_criterion(vehicle: Vehicle) -> None:
+def test_a_model_with_too_few_or_too_many_parameters_is_worse_by_every_criterion(vehicle: Vehicle) -> None:
     data = [measured(vehicle, seed=1)]
     poor = estimated(suv(), "third-order", ["motor.resistance"], data)
     true = estimated(suv(), "third-order", [*TRUTH], data)
@@ -424,7 +424,7 @@ def test_estimating_a_delay_keeps_the_correlation_of_the_outputs_noise() -> None
     assert np.all(result.noise_variance != 0.0)
 
 
-def test_an_output_with_a_single_edge_is_left_out() -> None:
+def test_hall_counts_with_a_single_edge_are_left_out() -> None:
     noise = {"left_position_rev": 0.0, "left_current_a": 0.05}
     times = np.arange(401) / 200.0
     drive = (times, np.where(times < 0.02, 12.0, 0.0))

@@ -17,7 +17,7 @@ from tests.hil.identification.many_seeds import ANGLE_DEG, SCATTERED_TRUTH, SMAL
 from tests.hil.identification.simulated import NOISE, measured, sought, true_vehicle, with_outputs
 
 
-def test_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
+def test_estimation_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, range(3))  # over many: tests/study
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)

@@ -109,8 +109,8 @@ def test_a_single_motor_constant_at_its_limit_is_reported_as_not_identified() ->
         fitted(checked(vehicle, ["motor.torque_constant"], data))
 
 
-def test_a_geometry_without_a_lever_arm_limits_the_search_too() -> None:
-    """Any check counts: here that of the geometry, by a coordinate of a point."""
+def test_the_check_of_the_gates_inertia_limits_the_search_too() -> None:
+    """Any check of a vehicle counts: here that of its inertia, which must fit its mass and its length."""
     vehicle = vehicle_from("suv")
     parameter = find_parameter(vehicle, "gate.inertia")
     low = 0.1 * vehicle.gate.mass * 0.540833**2  # kg m², below which it is refused

@@ -27,7 +27,7 @@ from liftgate_hil.identification.statistics import (
 
 
 def autoregressive(rng: np.random.Generator, count: int, share: float) -> np.ndarray:
-    """First-order autoregressive noise of variance one."""
+    """First-order autoregressive noise of variance one and lag-one correlation `share`."""
     white = math.sqrt(1.0 - share**2) * rng.standard_normal(count)
     noise = np.empty(count)
     noise[0] = rng.standard_normal()
@@ -47,7 +47,7 @@ def test_the_information_is_that_of_weighted_least_squares() -> None:
     assert information(slopes, root, np.array([0.0, 0.0, 2.0])) == pytest.approx(expected)
 
 
-def test_a_regular_information_has_its_inverse() -> None:
+def test_the_covariance_is_the_inverse_of_a_regular_information_matrix() -> None:
     rng = np.random.default_rng(2)
     slopes = rng.standard_normal((40, 3)) * np.array([1.0, 1e6, 1e-6])
     matrix = slopes.T @ slopes
@@ -241,7 +241,7 @@ def test_the_crosscorrelation_agrees_with_numpy() -> None:
     assert int(np.argmax(crosscorrelation(np.roll(inputs, 3), inputs, 10))) - 10 == 3
 
 
-def test_correlations_of_empty_signals_are_empty() -> None:
+def test_correlations_of_constant_signals_and_beyond_the_last_sample_are_zero() -> None:
     assert np.all(autocorrelation(np.zeros(5)) == 0.0)
     assert np.all(crosscorrelation(np.ones(50), np.arange(50.0)) == 0.0)
     short = autocorrelation(np.array([1.0, -1.0]), 5)
@@ -274,7 +274,7 @@ def test_the_fit_is_100_for_the_data_themselves_and_0_for_their_mean() -> None:
     assert math.isnan(fit_percent(np.ones(3), values[:3]))
 
 
-def test_correlations_with_missing_values_are_nan() -> None:
+def test_correlations_with_an_infinite_variance_are_nan() -> None:
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.inf]])
     found = correlation_of(covariance)
     assert found[:2, :2] == pytest.approx(np.array([[1.0, 0.5], [0.5, 1.0]]))

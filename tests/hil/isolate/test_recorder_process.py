@@ -35,18 +35,20 @@ def memory() -> Iterator[Memory]:
 
 
 def log(memory: Memory, number: int, time_ns: int, is_sent: int) -> None:
+    """Put a frame whose payload is its number into the ring, with its time and direction."""
     frames = frames_of([(0x100, bytes([number]))])
     note_frames(memory.shared, frames, time_ns, is_sent)
 
 
 def write(memory: Memory, rows: np.ndarray) -> None:
+    """Put rows into the ring."""
     head = int(memory.shared.control.rows[0])
     memory.shared.rows[head : head + len(rows)] = rows
     memory.shared.control.rows[0] = head + len(rows)
 
 
 class Notes:
-    """Recorder that keeps the rows and frames that it gets."""
+    """Recorder that keeps the frames and marks that it gets, and counts the rows."""
 
     written = 0
 
@@ -79,6 +81,7 @@ class Notes:
 def recorder(
     paths: list[Path], content: Content, limit: Limit | None, memory: Memory, say: Say = silent
 ) -> RecorderProcess:
+    """Start a recorder process, with the order to write these files."""
     process = RecorderProcess(memory, [str(path) for path in paths])
     process.order(paths, content, limit, say)
     return process

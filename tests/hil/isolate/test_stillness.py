@@ -8,6 +8,8 @@ from liftgate_hil.isolate import children
 
 
 class Clock:
+    """A monotonic clock [s] that the test sets."""
+
     now = 100.0
 
     def monotonic(self) -> float:

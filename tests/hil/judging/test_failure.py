@@ -27,7 +27,7 @@ RATE = 100.0
 
 
 def failed(expectation: Expectation, blocks: int = 1, **columns: list[float]) -> Verdict:
-    """The verdict on rows, one per tick from 0.01 s on, taken in blocks of this size."""
+    """The verdict on rows with these columns, one per tick from 0.01 s on, taken in this number of blocks."""
     count = len(next(iter(columns.values())))
     rows = np.zeros((count, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = np.arange(1, count + 1) / RATE

@@ -23,7 +23,7 @@ TIME, ANGLE, CURRENT = (COLUMN_PLACE[name] for name in ("time_s", "gate_angle_de
 
 
 def rows_of(angles: list[float], currents: list[float] | None = None) -> Any:
-    """Rows, one per tick from 0.01 s on."""
+    """Rows with these gate angles [deg] and left currents [A], one per tick from 0.01 s on."""
     rows = np.zeros((len(angles), ROW_WIDTH))
     rows[:, TIME] = np.arange(1, len(angles) + 1) / RATE
     rows[:, ANGLE] = angles
@@ -35,6 +35,7 @@ def judged(
     expectation: Expectation, rows: Any, end: float | None = None, blocks: list[int] | None = None,
     frames: Any = None,
 ) -> Verdict:  # fmt: skip
+    """Verdict on rows, split at these row numbers; the run ends at `end` [s], None: with the rows."""
     expected = expected_of([expectation], {}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, len(rows) / RATE if end is None else end)
     left = no_logged() if frames is None else frames
@@ -46,7 +47,7 @@ def judged(
 
 
 def our_judgement(each: Expectation, angles: list[float], currents: list[float]) -> tuple[str, Any]:
-    """Brute-force verdict: the condition is always `gate_angle_deg > 0`, the trigger `left_current_a > 0`."""
+    """Brute-force verdict and margin: the condition is `gate_angle_deg > 0`, the trigger `left_current_a > 0`."""
     times = [k / RATE for k in range(1, len(angles) + 1)]
     end = len(angles) / RATE
     begin = each.after
@@ -79,7 +80,7 @@ def our_judgement(each: Expectation, angles: list[float], currents: list[float])
 
 
 def our_window(each: Expectation, angles: list[float], currents: list[float]) -> Any:
-    """Window after the trigger `left_current_a > 0`, no longer than the run."""
+    """Window (begin, end) [s] within the run; None if the trigger `left_current_a > 0` never comes."""
     end = len(angles) / RATE
     begin = each.after
     if isinstance(begin, str):

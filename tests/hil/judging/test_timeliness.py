@@ -22,7 +22,7 @@ FORCE = COLUMN_PLACE["pinch_force_n"]
 
 
 def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
-    """Three seconds at 1 kHz of a bench on time, but for the columns: name → {tick: value from there on}."""
+    """Rows at 1 kHz of a bench on time, but for columns: name → {tick: value from it on; a delay: at it only}."""
     rows = np.zeros((count, ROW_WIDTH))
     rows[:, COLUMN_PLACE["time_s"]] = 1e-3 * np.arange(1, count + 1)
     for name, values in columns.items():
@@ -35,12 +35,14 @@ def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
 
 
 def judge_of(end: float = 3.0, **window: Any) -> Judge:
+    """Judge whose only expectation is a pinch force below 100 N from 1 to 2 s; `window` replaces fields."""
     own = {"kind": "always", "condition": "pinch_force_n < 100", "after": 1.0, "within": 1.0} | window
     expectation = Expectation(name="soft", hold=0.0, key="expect[0]", **own)
     return Judge(expected_of([expectation], {}, {}, 2, "s.toml"), 1000.0, end, TOLERANCE)
 
 
 def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
+    """Verdict of the judge of `judge_of` on rows, taken in blocks of this size."""
     judge = judge_of(**window)
     for first in range(0, len(rows), block):
         judge.take(rows[first : first + block], no_logged())
@@ -82,7 +84,7 @@ def test_lateness_outside_the_window_leaves_the_verdict(name: str, tick: int) ->
     assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
 
 
-def test_a_bench_delay_like_lost_messages_before_the_window_makes_it_inconclusive() -> None:
+def test_lost_or_very_late_frames_before_the_window_make_the_verdict_inconclusive() -> None:
     """The ECU's reaction, such as stopping, is then due to the bench, also later."""
     for columns, why in (
         ({"frames_dropped": {500: 3}}, "frames were dropped at about 0.501 s"),
@@ -221,7 +223,7 @@ action = "open"
 """
 
 
-def test_a_late_or_silent_ecu_is_judged(tmp_path: Path) -> None:
+def test_a_late_or_silent_ecu_fails_its_expectation(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", SCENARIO)
     assert lh.run(path).verdict == "pass"
     assert lh.run(path, ecu=Late()).verdict == "fail"

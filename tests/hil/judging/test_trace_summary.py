@@ -1,4 +1,4 @@
-"""Sketches of traces for pictures of expectations: equal to what the judge saw, bounded in memory."""
+"""Summaries of traces for pictures of expectations: equal to what the judge saw, bounded in memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TIME, ANGLE, FORCE = (COLUMN_PLACE[name] for name in ("time_s", "gate_angle_deg"
 
 
 def rows_of(seconds: float) -> Any:
-    """An angle that swings, and a force's short peak at 60 % of the time."""
+    """Rows at 1 kHz with an angle that swings, and a short peak of the force at 60 % of the time."""
     count = round(seconds * RATE)
     rows = np.zeros((count, ROW_WIDTH))
     rows[:, TIME] = np.arange(1, count + 1) / RATE
@@ -34,6 +34,7 @@ def rows_of(seconds: float) -> Any:
 def summarized(
     expectations: list[Expectation], rows: Any, block: int, frames: Any = None
 ) -> dict[str, TraceSummary]:
+    """Trace summaries by expectation, of rows and frames taken in blocks of this size."""
     expected = expected_of(expectations, {}, shipped_rig().messages, 2, "file")
     judge = Judge(expected, RATE, len(rows) / RATE)
     summarizer = TraceSummarizer(judge, RATE)
@@ -49,6 +50,7 @@ def summarized(
 
 
 def curve(view: EnvelopeView | None, text: str) -> tuple[Any, Any, Any]:
+    """Return times [s], minima and maxima of the curve with this text."""
     assert view is not None
     (found,) = (each for each in view.curves if each.side.text == text)
     return view.times, found.low, found.high
@@ -140,7 +142,7 @@ def test_a_trace_summary_of_a_condition_with_many_columns_has_curves_of_some() -
     assert found.left_out == 8
 
 
-def test_a_run_without_rows_has_no_trace_summary() -> None:
+def test_the_trace_summaries_of_a_run_without_rows_are_empty() -> None:
     expected = expected_of([SOFT, TURNS], {}, shipped_rig().messages, 2, "file")
     found = TraceSummarizer(Judge(expected, RATE, math.inf), RATE).trace_summaries()
     assert [len(each.view.times) for each in found.values()] == [0, 0]

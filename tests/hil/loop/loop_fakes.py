@@ -44,7 +44,7 @@ class Memory:
 
 
 class Notes:
-    """Recorder that keeps the rows and frames that it gets."""
+    """Sink that keeps the time [s] of each tick, and the frames received and sent in it."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -66,8 +66,10 @@ def never() -> bool:
 
 
 def loop_of(transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any) -> Loop:
+    """Return a loop without stimuli, which starts from rest or from a state."""
     return Loop(config, state or start_of(config), stimulus_plan(config), transport, **more)
 
 
 def command(rig: Rig, counter: int) -> tuple[int, bytes]:
+    """Return a valid DriveCommand to open with 50 % duty, as (identifier, payload)."""
     return command_frame(rig, counter, **both(50.0, OPEN, release=1))

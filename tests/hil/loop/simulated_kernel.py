@@ -42,7 +42,7 @@ def from_a_can_socket(identifier: int, payload: bytes, stamp_ns: int, dropped: i
 class SimulatedKernel:
     """Simulated time and wire of a loop.
 
-    `at` is called at every waking with its number, before frames are read; `late` is how late that one is.
+    `at` is called at every waking with its number, before frames are read; `late`: how late it is [ns].
     `arrivals`, given a number of datagrams, returns at most so many that have come; None: those of the socket.
     """
 
@@ -73,7 +73,7 @@ class SimulatedKernel:
         return result
 
     def _noting(self, own: Callable[..., int]) -> Callable[..., int]:
-        """Wrap a function: keep its exceptions, which machine code cannot pass on, and stop the loop."""
+        """Return `own` wrapped: at an exception, kept for `call` to raise, it stops the loop and returns 0."""
 
         def noting(*arguments: int) -> int:
             try:

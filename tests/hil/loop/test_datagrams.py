@@ -40,12 +40,13 @@ sleep_us = System("usleep", "i", "i")
 
 @compilable
 def error_of_closing(descriptor: int) -> int:
+    """Close a descriptor, and return the error number, which is read 0.2 ms later."""
     close_descriptor(descriptor)
     sleep_us(200)  # so that another thread fails in between
     return last_error()
 
 
-class SignalMapping(NamedTuple):
+class WireFunctions(NamedTuple):
     """Reading from and writing to a socket, in Python or as machine code."""
 
     read_frames: Callable[..., SocketReading]
@@ -53,6 +54,7 @@ class SignalMapping(NamedTuple):
     error_of_closing: Callable[[int], int]
 
     def read(self, end: socket.socket, room: int = CAPACITY) -> tuple[Rows, list[int], SocketReading]:
+        """Read once, with room for so many frames; return frames, arrival times [ns] and the reading."""
         frames, stamps = empty_frames(room), np.full(room, -1, dtype=np.int64)
         reading = self.read_frames(end.fileno(), make_buffers(), frames, stamps)
         return (rows_of(frames._replace(count=reading.count)), stamps[: reading.count].tolist(), reading)
@@ -62,11 +64,11 @@ class SignalMapping(NamedTuple):
 
 
 @pytest.fixture(scope="module", params=["plain", "compiled"])
-def wire(request: pytest.FixtureRequest) -> SignalMapping:
+def wire(request: pytest.FixtureRequest) -> WireFunctions:
     functions: list[Any] = [read_frames, write_frames, error_of_closing]
     if request.param == "compiled":
         functions = [compiled(function) for function in functions]
-    return SignalMapping(*functions)
+    return WireFunctions(*functions)
 
 
 @pytest.fixture(params=[socket.SOCK_SEQPACKET, socket.SOCK_DGRAM], ids=["seqpacket", "dgram"])
@@ -96,7 +98,7 @@ kinds = st.one_of(
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_frames_are_sent_as_the_kernels_structs(wire: SignalMapping, rows: Rows):
+def test_frames_are_sent_as_the_kernels_structs(wire: WireFunctions, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         assert wire.write(ours, rows) == Writing(len(rows), 0, 0, 0)
@@ -105,7 +107,7 @@ def test_frames_are_sent_as_the_kernels_structs(wire: SignalMapping, rows: Rows)
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_the_kernels_structs_are_read_as_frames(wire: SignalMapping, rows: Rows):
+def test_the_kernels_structs_are_read_as_frames(wire: WireFunctions, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for row in rows:
@@ -114,7 +116,7 @@ def test_the_kernels_structs_are_read_as_frames(wire: SignalMapping, rows: Rows)
 
 
 @pytest.mark.parametrize("size", range(65))
-def test_frames_of_every_length_are_sent_and_received(wire: SignalMapping, size: int):
+def test_frames_of_every_length_are_sent_and_received(wire: WireFunctions, size: int):
     rows = [(0x123 | FD, bytes(range(1, 1 + size)))]
     if size <= 8:
         rows.append((0x1ABCDEF0 | EXTENDED, bytes(range(1, 1 + size))))
@@ -124,7 +126,7 @@ def test_frames_of_every_length_are_sent_and_received(wire: SignalMapping, size:
         assert wire.read(theirs)[0] == rows
 
 
-def test_a_shorter_frame_keeps_no_bytes_of_the_previous_frame_in_its_buffer(wire: SignalMapping, pair: Pair):
+def test_a_shorter_frame_keeps_no_bytes_of_the_previous_frame_in_its_buffer(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     buffers = make_buffers()
     rows = [(0x1FFFFFFF | EXTENDED | FD, b"\xff" * 64), (0x1 | FD, b""), (0x2, b"")]
@@ -133,14 +135,14 @@ def test_a_shorter_frame_keeps_no_bytes_of_the_previous_frame_in_its_buffer(wire
     assert [theirs.recv(200) for _ in rows] == [struct_of(*row) for row in rows]
 
 
-def test_an_fd_frame_without_the_kernels_flag_is_recognized_by_its_size(wire: SignalMapping, pair: Pair):
+def test_an_fd_frame_without_the_kernels_flag_is_recognized_by_its_size(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     theirs.send(struct.pack("<IBBBB64s", 0x123, 3, 0, 0, 0, b"abc"))
     assert wire.read(ours)[0] == [(0x123 | FD, b"abc")]
 
 
 @pytest.mark.parametrize("length", [9, 64, 255])
-def test_an_impossible_length_is_cut_to_the_received_bytes(wire: SignalMapping, pair: Pair, length: int):
+def test_an_impossible_length_is_cut_to_the_received_bytes(wire: WireFunctions, pair: Pair, length: int):
     ours, theirs = pair
     theirs.send(struct.pack("<IB3x8s", 0x123, length, b"12345678"))
     theirs.send(struct.pack("<IBBBB64s", 0x124, max(length, 65), 4, 0, 0, bytes(range(64))))
@@ -148,11 +150,12 @@ def test_an_impossible_length_is_cut_to_the_received_bytes(wire: SignalMapping, 
 
 
 def many(count: int) -> Rows:
+    """Return frames whose payload is their number."""
     return [(n % 0x800, struct.pack("<H", n)) for n in range(count)]
 
 
 @pytest.mark.parametrize("count", [0, 1, BATCH - 1, BATCH, BATCH + 1, 2 * BATCH, 3 * BATCH + 5])
-def test_batches_keep_every_frame_and_the_order(wire: SignalMapping, count: int):
+def test_batches_keep_every_frame_and_the_order(wire: WireFunctions, count: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         assert wire.write(ours, many(count)).sent == count
@@ -161,7 +164,7 @@ def test_batches_keep_every_frame_and_the_order(wire: SignalMapping, count: int)
 
 
 @pytest.mark.parametrize("room", [1, BATCH - 1, BATCH, BATCH + 1, 150])
-def test_frames_beyond_the_batch_size_wait_for_the_next_read(wire: SignalMapping, room: int):
+def test_frames_beyond_the_batch_size_wait_for_the_next_read(wire: WireFunctions, room: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         wire.write(ours, many(200))
@@ -172,7 +175,7 @@ def test_frames_beyond_the_batch_size_wait_for_the_next_read(wire: SignalMapping
         assert got == many(200)
 
 
-def test_datagrams_of_a_pump_carry_arrival_time_and_drop_count(wire: SignalMapping, pair: Pair):
+def test_datagrams_of_a_pump_carry_arrival_time_and_drop_count(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     stamps = [1, 2**62, 123_456_789_012_345]
     for number, stamp in enumerate(stamps):
@@ -184,7 +187,7 @@ def test_datagrams_of_a_pump_carry_arrival_time_and_drop_count(wire: SignalMappi
     assert reading.dropped == stamps[-1] - 1
 
 
-def test_the_kernels_arrival_time_and_drop_count_are_read_from_ancillary_data(wire: SignalMapping):
+def test_the_kernels_arrival_time_and_drop_count_are_read_from_ancillary_data(wire: WireFunctions):
     # A real socket that gives them: UDP, where the kernel stamps and counts as it does for raw CAN.
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,
@@ -210,7 +213,7 @@ def test_the_kernels_arrival_time_and_drop_count_are_read_from_ancillary_data(wi
         assert reading.dropped == sent - len(arrivals)
 
 
-def test_datagrams_that_are_no_frames_are_skipped(wire: SignalMapping, pair: Pair):
+def test_datagrams_that_are_no_frames_are_skipped(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     for junk in (b"", b"x", bytes(15)):
         theirs.send(junk)
@@ -219,7 +222,7 @@ def test_datagrams_that_are_no_frames_are_skipped(wire: SignalMapping, pair: Pai
 
 
 @pytest.mark.parametrize("count", [BATCH, 3 * BATCH])
-def test_a_flood_of_empty_datagrams_ends_the_read(wire: SignalMapping, count: int):
+def test_a_flood_of_empty_datagrams_ends_the_read(wire: WireFunctions, count: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for _ in range(count):
@@ -230,7 +233,7 @@ def test_a_flood_of_empty_datagrams_ends_the_read(wire: SignalMapping, count: in
         assert rows == [(0x123, b"")]
 
 
-def test_a_socket_whose_other_end_closed_gives_its_queued_frames_then_none(wire: SignalMapping):
+def test_a_socket_whose_other_end_closed_gives_its_queued_frames_then_none(wire: WireFunctions):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         theirs.send(struct_of(0x123, b"abc"))
@@ -240,11 +243,11 @@ def test_a_socket_whose_other_end_closed_gives_its_queued_frames_then_none(wire:
         assert wire.write(ours, many(3)) == Writing(0, 0, 3, errno.EPIPE)
 
 
-def test_reading_an_empty_socket_is_no_error(wire: SignalMapping, pair: Pair):
+def test_reading_an_empty_socket_is_no_error(wire: WireFunctions, pair: Pair):
     assert wire.read(pair[0]) == ([], [], SocketReading(0, 0, -1))
 
 
-def test_frames_for_a_full_queue_are_counted_and_later_ones_are_sent(wire: SignalMapping, pair: Pair):
+def test_frames_for_a_full_queue_are_counted_and_later_ones_are_sent(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     written = wire.write(ours, many(5000))
     assert written.sent > 0
@@ -256,7 +259,7 @@ def test_frames_for_a_full_queue_are_counted_and_later_ones_are_sent(wire: Signa
     assert [theirs.recv(200) for _ in range(3)] == [struct_of(*row) for row in many(3)]
 
 
-def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
+def test_a_closed_descriptor_is_an_error_and_no_crash(wire: WireFunctions):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.close()
     number = ours.fileno()
@@ -269,14 +272,14 @@ def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
         assert written == Writing(0, 0, 70, errno.EBADF)
 
 
-def test_a_descriptor_that_is_no_socket_is_an_error(wire: SignalMapping):
+def test_a_descriptor_that_is_no_socket_is_an_error(wire: WireFunctions):
     with open(os.devnull, "rb") as file:  # noqa: PTH123
         frames, stamps = empty_frames(8), np.zeros(8, dtype=np.int64)
         reading = wire.read_frames(file.fileno(), make_buffers(), frames, stamps)
         assert reading.error == errno.ENOTSOCK
 
 
-def test_the_error_number_is_that_of_the_calling_thread(wire: SignalMapping):
+def test_the_error_number_is_that_of_the_calling_thread(wire: WireFunctions):
     stop = threading.Event()
     wrong: list[int] = []
 

@@ -41,6 +41,7 @@ SLOWING = np.linspace(200.0, 100.0, N)
 
 
 def gained(rows: np.ndarray, given: np.ndarray = NOTHING) -> int | None:
+    """Return the row in which a gate with these inputs gains energy, or None."""
     return EnergyWatch(CONSTANTS, has_faults=False).gain(rows, given)
 
 

@@ -45,7 +45,7 @@ from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 @pytest.fixture
 def log(tmp_path: Path) -> tuple[Path, ...]:
-    """Return a recorder that keeps the frames, where the test records."""
+    """The bus log to which a test records, as the argument `records`."""
     return (tmp_path / "bus.log",)
 
 
@@ -167,7 +167,7 @@ def test_episodes_in_several_threads_do_not_affect_each_other() -> None:
 
 
 def least_frames() -> int:
-    """Size of the smallest ring of frames that always has room for a tick."""
+    """Size of the largest ring of frames that is refused; with one frame more it has room for any tick."""
     return 2 * (wire.CAPACITY + len(loop_config().outputs.messages))
 
 

@@ -58,7 +58,7 @@ from liftgate_hil.stimuli.timeline import Profile
 
 @pytest.fixture
 def log(tmp_path: Path) -> tuple[Path, ...]:
-    """Return a recorder that keeps the frames, where the test records."""
+    """The bus log to which a test records, as the argument `records`."""
     return (tmp_path / "bus.log",)
 
 
@@ -259,7 +259,7 @@ def test_extremes_agree_with_the_trace_for_any_blocks_of_rows() -> None:
         assert trace.columns()["time_s"].tolist() == rows[::10, COLUMN_PLACE["time_s"]].tolist()
 
 
-def test_without_rows_or_contact_there_are_no_extremes() -> None:
+def test_without_rows_there_are_no_extremes_and_without_contact_no_pinch_time() -> None:
     assert Extremes().high is None
     extremes = Extremes()
     extremes.take(np.zeros((3, ROW_WIDTH)), ())

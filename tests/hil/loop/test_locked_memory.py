@@ -30,7 +30,7 @@ def machine(folder: Path, groups: str, **files: str) -> Path:
 
 
 def group(folder: str, allowed: object, used: int, given_up: int = 0) -> dict[str, str]:
-    """Files of a version 2 control group; `used` and `given_up` in MiB."""
+    """Files of a version 2 control group: `used` MiB, of which the kernel can free `given_up` MiB (file cache)."""
     return {
         f"{folder}__memory.max": str(allowed),
         f"{folder}__memory.current": str(used * MIB),

@@ -153,7 +153,7 @@ def test_an_ecu_answering_each_frame_never_has_two_commands_pending(rig: Rig, sa
 
 
 class Silence:
-    """A silent wire, with the clock that waiting on it advances."""
+    """A wire, silent but for `rows` by the number of a waiting read, and the clock that waiting on it advances."""
 
     name = "silence"
     is_up = True

@@ -35,6 +35,7 @@ def drop():
 
 
 def child(code: str) -> subprocess.CompletedProcess[str]:
+    """Run DROP and this code in a process of its own."""
     return subprocess.run(
         [sys.executable, "-c", DROP + textwrap.dedent(code)],
         capture_output=True, text=True, check=False,

@@ -23,6 +23,8 @@ REMEDY = "check that `rig` is that of the ECU"
 
 
 class NotingListener(Listener):
+    """Listener that keeps messages and statuses."""
+
     def __init__(self) -> None:
         self.said: list[str] = []
         self.seen: list[RunStatus] = []
@@ -70,6 +72,7 @@ class Bench:
         self.counts = receive(self.config.inputs, self.reception, self.counts, frames, tick * self.config.step_ns)
 
     def look(self, tick: int = 0, after: float = 1.0, is_last: bool = False) -> list[str]:
+        """Set the clock `after` s ahead, let the monitor look, and return the messages that it gives."""
         self.now += after
         before = len(self.told.said)
         self.monitor.look(Moment(tick, self.row, 7, 3, self.link), is_last)

@@ -161,7 +161,7 @@ def test_a_diverged_plant_ends_the_run_after_its_frames_were_sent(rig: Rig):
     assert decoded(rig, frames_of(transport.sent), "BenchStatus")[-1]["EmulatorState"] == STOPPED
 
 
-def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
+def test_a_diverged_current_of_the_right_drive_is_noticed_too(rig: Rig):
     config = loop_config(rig=rig)
     state = start_of(config)
     right = state.plant.right._replace(current=math.nan)
@@ -273,6 +273,7 @@ def finite(state: LoopState) -> bool:
 
 
 def check_survived(loop: Loop, rig: Rig, sent: Rows) -> None:
+    """Check that each of SOUND frames was counted once, every cause occurred, and the state is finite."""
     counts = loop.state.counts
     assert sum(counts[:8]) == SOUND
     assert all(counts._replace(unqualified=1)), counts  # every cause has come
@@ -299,7 +300,7 @@ def channel() -> Iterator[str]:
     return str(uuid.uuid4())
 
 
-def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survived(rig: Rig, channel: str):
+def test_ten_thousand_bad_frames_on_a_virtual_bus_are_each_counted_once_and_survived(rig: Rig, channel: str):
     transport = CanTransport({"interface": "virtual", "channel": channel})
     loop = loop_of(transport, loop_config(rig=rig))
     heard: Rows = []

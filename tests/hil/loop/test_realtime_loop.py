@@ -61,6 +61,7 @@ class Rehearsal(SimulatedKernel):
 
     The time that a waking takes passes before the loop asks for the time for the fourth time: it asks after
     waking, after reading, before the tick, after sending, and at the end. The last tick follows without a waking.
+    `refuse`, given the tick and the number of the trial, returns whether the wire refuses the frames.
     """
 
     def __init__(self, rig: Rig, rate: float = 1000.0, rows: int = 4096, frames: int = 4096) -> None:
@@ -115,6 +116,7 @@ class Rehearsal(SimulatedKernel):
         return found
 
     def run(self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9) -> tuple[LoopState, int]:
+        """Run up to this many ticks, and the last one; return the state after it and the outcome."""
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
         self.stimuli = stimulus_plan(self.config)
         params = RunParams(
@@ -131,7 +133,7 @@ class Rehearsal(SimulatedKernel):
         return cast("tuple[LoopState, int]", state_and_outcome)
 
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
-        """Put frames on the wire; with an age, as from this project's pump thread."""
+        """Put frames on the wire; with an age [ns], as by this project's pump thread that long after arrival."""
         if age is None:
             write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows), 0)
             return
@@ -163,7 +165,7 @@ class Rehearsal(SimulatedKernel):
         return [row[list(COLUMNS).index(name)] for row in self.rows()]
 
     def noted(self, which: int) -> dict[int, int]:
-        """Numbers of the histogram's bins that are not empty."""
+        """Counts by bin of a histogram (LATENESS, EXECUTION or DELAY), without empty bins."""
         histogram = self.shared.histograms[which]
         return {int(at): int(histogram[at]) for at in np.flatnonzero(histogram)}
 
@@ -175,6 +177,7 @@ class Rehearsal(SimulatedKernel):
 
 @pytest.fixture
 def rehearse(rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
+    """Return a function that makes a Rehearsal, which is closed with the test."""
     made: list[Rehearsal] = []
 
     def make(**more: Any) -> Rehearsal:
@@ -187,18 +190,19 @@ def rehearse(rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
 
 
 def flat(value: Any) -> list[bytes]:
-    """Every number of a state, as bits."""
+    """The bytes of every number of a state, in order."""
     if isinstance(value, tuple):
         return [part for each in value for part in flat(each)]
     return [np.asarray(value).tobytes()]
 
 
 def opening(rig: Rig, counter: int) -> tuple[int, bytes]:
+    """Return a valid DriveCommand to open with 60 % duty, as (identifier, payload)."""
     return command_frame(rig, counter, **both(60.0, OPEN, release=1))
 
 
 class Given:
-    """A transport of the Python loop whose frames of the next tick are set by the test."""
+    """A transport of the Python loop that keeps sent frames; the test gives received ones to `advance` itself."""
 
     name = "given"
     is_up = True
@@ -454,7 +458,7 @@ def everything(rig: Rig) -> list[int]:
 
 
 def last_words(play: Rehearsal) -> list[int]:
-    """Identifiers of the last tick's frames, which must show the motors off."""
+    """Check that the last tick has the motors off; return the sorted identifiers of its frames."""
     last = play.sent[-1]
     (status,) = decoded(play.rig, frames_of(last), "BenchStatus")
     assert status["EmulatorState"] == STOPPED
@@ -594,6 +598,7 @@ def first_feedback(play: Rehearsal, waking: int) -> int:
 
 
 def when_sent(tick: int) -> int:
+    """Return the time [ns] at which frames of a tick are sent if no waking was late."""
     return START + (tick + 1) * MS + TAKES
 
 
@@ -792,6 +797,7 @@ class Asked:
 
 @pytest.fixture
 def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
+    """Return a function that makes a RealtimeRun on a SocketLine, which is closed with the test."""
     kept: list[tuple[SocketLine, Memory]] = []
 
     def make(**more: Any) -> RealtimeRun:

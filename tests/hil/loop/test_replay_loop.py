@@ -71,7 +71,7 @@ def world() -> World:
 
 
 def scheduled(due: list[int], places: int = 64) -> Schedule:
-    """Schedule of frames whose payload is their number."""
+    """Schedule of frames due at these times [ns], whose payload is their number."""
     schedule = empty_schedule(places)
     frames = logged(frames_of([(0x100 + k, bytes([k])) for k in range(len(due))]), 0, True)
     assert put(schedule, np.array(due), frames) == len(due)
@@ -80,6 +80,7 @@ def scheduled(due: list[int], places: int = 64) -> Schedule:
 
 
 def played(world: World, schedule: Schedule, together: int = 64) -> Memory:
+    """Play a schedule, up to `together` frames in one call; return the memory with its histograms."""
     memory = Memory(1, 1)
     world.control = memory.shared.control[0]
     world.call(play, schedule, PlayParams(-1, together, 0), memory.shared, make_room())

@@ -41,7 +41,7 @@ class Writer:
 
 
 class Interrupted:
-    """The ring as seen by a reader that the writer overtakes while it copies."""
+    """The ring as copied while the writer writes `halves` half rows before row `before` and within the next."""
 
     def __init__(self, writer: Writer, before: int, halves: int) -> None:
         self.writer, self.before, self.halves = writer, before, halves
@@ -180,6 +180,7 @@ def test_the_arrays_of_the_shared_memory_do_not_overlap():
 
 
 def frames_of(*numbers: int) -> Frames:
+    """Return empty frames with these identifiers."""
     count = len(numbers)
     return Frames(count, np.array(numbers), np.zeros(count, np.int64), np.zeros((count, 64), np.uint8))
 

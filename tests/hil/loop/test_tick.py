@@ -71,6 +71,7 @@ def cycles(rig: Rig) -> dict[int, int]:
 
 
 def rest(config: LoopConfig) -> LoopState:
+    """Return the state of a loop at rest, closed and latched."""
     return start_of(config)
 
 
@@ -96,7 +97,7 @@ def run(
 
 
 def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[tuple[int, bytes]]]:
-    """ECU that sends the same command every given number of ticks."""
+    """Return `frames_at` (see `run`) of an ECU that sends the same command every `every` ticks."""
     values = values or both(80.0, OPEN, release=1)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -315,7 +316,7 @@ def test_a_catch_up_sends_each_message_once_and_the_next_ones_on_time(rig: Rig, 
     assert at == [25, 30]
 
 
-def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig, fast_tick: Tick):
+def test_a_silent_tick_sends_no_message_and_the_last_tick_sends_every_message(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 99)
     _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1))
@@ -324,7 +325,7 @@ def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig,
     assert sent.count == len(cycles(rig))
 
 
-def test_skipped_periods_are_reported_on_the_bus_up_to_the_largest_value(rig: Rig, fast_tick: Tick):
+def test_skipped_periods_are_reported_on_the_bus_up_to_the_largest_value_of_the_signal(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     sent = catch_up(fast_tick, config, rest(config), NOTHING, 100)[-1][1]
     assert decoded(rig, sent, "BenchStatus")[0]["TickOverruns"] == 99
@@ -338,6 +339,7 @@ def test_skipped_periods_are_reported_on_the_bus_up_to_the_largest_value(rig: Ri
 
 
 def sent_times(fast_tick: Tick, config: LoopConfig, ticks: int) -> tuple[Counter[int], dict[int, list[int]]]:
+    """Return by identifier how many frames were sent, and in which ticks, counted from 1."""
     _, _, replies, _ = run(fast_tick, config, rest(config), ticks)
     times: dict[int, list[int]] = {}
     for number, frames in enumerate(replies):
@@ -390,7 +392,7 @@ def test_sent_signals_agree_with_the_plant(rig: Rig, fast_tick: Tick):
     assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(truth.gate_angle_deg)
 
 
-def test_the_first_frames_report_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
+def test_the_gates_first_frames_report_closed_latched_and_waiting_for_a_command(rig: Rig, fast_tick: Tick):
     _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100)
     gate = decoded(rig, replies[9], "Gate")[0]
     assert gate == {"Angle": 0.0, "LatchState": 1, "TerminalVoltage": 12.0}
@@ -411,7 +413,7 @@ def test_refused_frames_are_reported_on_the_bus(rig: Rig, fast_tick: Tick):
 # Stopping.
 
 
-def test_stop_turns_the_motors_off_and_sends_everything_once(rig: Rig, fast_tick: Tick):
+def test_a_stop_turns_the_motors_off_and_sends_every_message_once(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, _, replies, _ = run(fast_tick, config, rest(config), 501, driving(rig))
     running = [row for frames in replies for row in decoded(rig, frames, "BenchStatus")]
@@ -452,7 +454,7 @@ def test_left_and_right_motor_are_driven_separately(rig: Rig, fast_tick: Tick):
     assert truths[-1].right_duty == pytest.approx(-0.3)
 
 
-def test_the_latch_holds_until_released_and_catches_at_home(rig: Rig, fast_tick: Tick):
+def test_the_latch_holds_until_released_and_catches_the_closed_gate(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, truths, _, _ = run(fast_tick, config, rest(config), 400, driving(rig, **both(40.0, OPEN)))
     assert truths[-1].latched == 1
@@ -544,7 +546,7 @@ def test_a_benchcontrol_obstacle_rate_of_zero_removes_the_scenarios_obstacle(
 def closing_onto(
     rig: Rig, fast_tick: Tick, panels: dict[int, dict[str, float]], angle_deg: float, ticks: int
 ) -> list[Truth]:
-    """Run a closing from this angle, with BenchControl values by tick number."""
+    """Run a closing from this angle, with BenchControl values by tick number; return the truth of each tick."""
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, angle_deg)
     close = driving(rig, **both(80.0, CLOSE))
@@ -674,7 +676,7 @@ left_current = "Out.I"
     assert (truth.right_duty, truth.right_coast) == pytest.approx(expected)
 
 
-def test_the_first_of_several_obstacles_in_a_file_is_used(tmp_path: Path):
+def test_the_first_obstacle_of_a_file_that_is_present_is_used(tmp_path: Path):
     path = tmp_path / "scenario.toml"
     path.write_text(
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"

@@ -257,6 +257,7 @@ def test_operator_overrides_benchcontrol_and_benchcontrol_the_profile(whole: Rig
 
 
 def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME, in_force: float = 0.0) -> None:
+    """Check that each column of a row has the value of its name."""
     assert row.shape == (ROW_WIDTH,)
     assert row[COLUMN_PLACE["faults_in_force"]] == in_force
     for name, value in bench._asdict().items():

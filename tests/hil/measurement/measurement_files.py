@@ -25,6 +25,7 @@ def no_rig() -> Rig:
 
 
 def read(path: Path, *maps: str) -> Measurement:
+    """Read a file that needs no rig as a measurement, with these maps."""
     return read_measurement(path, parse_maps(maps), no_rig)
 
 
@@ -36,7 +37,7 @@ def faults_of(path: Path, *maps: str) -> list[str]:
 
 
 def written(folder: Path, text: str | bytes) -> Path:
-    """Write a CSV file of this content."""
+    """Write a CSV file of this content; return its path."""
     path = folder / "m.csv"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return path
@@ -55,7 +56,7 @@ def write_csv(path: Path, columns: Mapping[str, Sequence[float] | np.ndarray]) -
 
 
 def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
-    """A log by python-can's own writer for the suffix."""
+    """Write a log by python-can's own writer for the suffix, with times after EPOCH; return its path."""
     with can.Logger(path) as writer:
         for time, identifier, payload in frames:
             kind = {"is_extended_id": identifier > 0x7FF, "is_fd": is_fd, "channel": "can0"}

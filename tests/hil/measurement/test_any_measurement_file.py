@@ -24,7 +24,8 @@ NAMES = st.sampled_from(
 )
 
 
-def read_or_told(name: str, content: bytes) -> None:
+def check_read_or_refused(name: str, content: bytes) -> None:
+    """Check that a file is read as a sound measurement, or refused with issues that name it."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(content)
@@ -47,21 +48,21 @@ def read_or_told(name: str, content: bytes) -> None:
 )
 def test_any_table_is_read_or_refused(names: list[str], rows: list[list[str]], delimiter: str) -> None:
     lines = [names, *rows]
-    read_or_told("m.csv", "\n".join(delimiter.join(line) for line in lines).encode())
+    check_read_or_refused("m.csv", "\n".join(delimiter.join(line) for line in lines).encode())
 
 
 @pytest.mark.parametrize("name", ["m.csv", "m.log", "m.asc", "m.blf", "m.trc"])
 @CALM
 @given(content=st.binary(max_size=300))
 def test_any_bytes_are_read_or_refused(name: str, content: bytes) -> None:
-    read_or_told(name, content)
+    check_read_or_refused(name, content)
 
 
 @pytest.mark.parametrize("name", ["m.log", "m.asc", "m.trc"])
 @CALM
 @given(content=st.text(alphabet="0123456789ABCDEF #().canRdxT\n;", max_size=200))
 def test_any_text_is_read_or_refused(name: str, content: str) -> None:
-    read_or_told(name, content.encode())
+    check_read_or_refused(name, content.encode())
 
 
 # Parquet files: the same columns as CSV, and what cannot be one.

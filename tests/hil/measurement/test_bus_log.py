@@ -36,6 +36,7 @@ FORMATS = ["log", "asc", "blf", "trc", "mf4"]
 
 
 def drive(rig: Rig, counter: int, current: float, count: int) -> bytes:
+    """Return the payload of a LeftDrive frame with a correct checksum."""
     payload = rig.messages["LeftDrive"].encode(
         {"MotorCurrent": current, "HallCount": count, "HallSpeed": 0, "AliveCounter": counter % 16, "Checksum": 0}
     )
@@ -48,10 +49,11 @@ def gate(rig: Rig, angle: float) -> bytes:
 
 
 def left(duty: float, direction: int, release: int = 0) -> dict[str, float]:
+    """Return the signals of a DriveCommand for the left motor."""
     return {"LeftDuty": duty, "LeftDirection": direction, "LatchRelease": release}
 
 
-def stimulus_plan(rig: Rig) -> list[Frame]:
+def example_frames(rig: Rig) -> list[Frame]:
     """Frames: a sensor frame, commands each 10 ms, sensor frames each 5 ms, one BenchControl frame."""
     frames: list[Frame] = [(0.0, LEFT_DRIVE, drive(rig, 0, 0.0, 0))]
     orders = [left(50, OPEN, 1), left(25, CLOSE), left(80, BRAKE), left(80, COAST)]
@@ -69,7 +71,7 @@ def stimulus_plan(rig: Rig) -> list[Frame]:
 
 
 def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> None:
-    frames = stimulus_plan(rig)
+    frames = example_frames(rig)
     read = [read_measurement(write_log(tmp_path / f"m.{suffix}", frames), {}, rig) for suffix in FORMATS]
     for measurement in read:
         assert measurement.through_sensors
@@ -81,7 +83,7 @@ def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> No
 
 
 def test_commands_become_signed_duties_held_until_the_next_command(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", example_frames(rig)), {}, rig)
     duty, coast, latch = (m.columns[n] for n in ("left_duty", "left_coast", "latch_released"))
     assert m.times[0] == 0.0
     assert (duty[0], coast[0], latch[0]) == (0.0, 1.0, 0.0)  # before the first command: coast
@@ -96,7 +98,7 @@ def test_commands_become_signed_duties_held_until_the_next_command(tmp_path: Pat
 
 
 def test_sensor_frames_become_samples_at_their_timestamps(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", example_frames(rig)), {}, rig)
     current, count = m.columns["left_current_a"], m.columns["left_hall_count"]
     there = np.isfinite(current)
     assert np.array_equal(there, np.isfinite(count))
@@ -110,14 +112,14 @@ def test_sensor_frames_become_samples_at_their_timestamps(tmp_path: Path, rig: R
 
 
 def test_frames_within_one_microsecond_form_one_row(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", example_frames(rig)), {}, rig)
     assert np.all(np.diff(m.times) > 0.0)
     # Command and sensor frame together, gate, second sensor frame; the first sensor frame, the panel.
     assert len(m.times) == 40 * 3 + 1 + 1
 
 
 def test_benchcontrol_values_hold_from_their_frame_on(tmp_path: Path, rig: Rig) -> None:
-    path = write_log(tmp_path / "m.log", stimulus_plan(rig))
+    path = write_log(tmp_path / "m.log", example_frames(rig))
     known = {"supply_voltage_v": 12.0, "road_slope_deg": 0.0, "hand_force_n": 0.0}
     m = read_measurement(path, {}, rig, known)
     late = m.times >= 0.2023 - 1e-9
@@ -131,13 +133,13 @@ def test_benchcontrol_values_hold_from_their_frame_on(tmp_path: Path, rig: Rig) 
 
 
 def test_without_benchcontrol_frames_its_columns_are_missing(tmp_path: Path, rig: Rig) -> None:
-    frames = [frame for frame in stimulus_plan(rig) if frame[1] != BENCH_CONTROL]
+    frames = [frame for frame in example_frames(rig) if frame[1] != BENCH_CONTROL]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig, {"supply_voltage_v": 12.0})
     assert not {"supply_voltage_v", "road_slope_deg", "hand_force_n"} & set(m.columns)
 
 
 def test_motors_coast_from_the_timeout_of_a_stale_command_on(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or not 0.05 < f[0] < 0.1]
+    frames = [f for f in example_frames(rig) if f[1] != COMMAND or not 0.05 < f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     # The last command before the hole comes at 0.045 s and is good for 3 cycles of 10 ms.
     coast = m.columns["left_coast"]
@@ -148,7 +150,7 @@ def test_motors_coast_from_the_timeout_of_a_stale_command_on(tmp_path: Path, rig
 
 
 def test_the_last_command_goes_stale_if_the_log_goes_on(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or f[0] < 0.1]
+    frames = [f for f in example_frames(rig) if f[1] != COMMAND or f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     after = m.times >= 0.125 - 1e-9
     assert np.array_equal(m.columns["left_coast"][m.times > 0.004] == 1.0, after[m.times > 0.004])
@@ -180,8 +182,8 @@ def spoiled(frames: list[Frame], rig: Rig) -> list[Frame]:
 
 
 def test_frames_that_the_emulator_would_refuse_are_refused_and_counted(tmp_path: Path, rig: Rig) -> None:
-    clean = read_measurement(write_log(tmp_path / "a.log", stimulus_plan(rig)), {}, rig)
-    m = read_measurement(write_log(tmp_path / "b.log", spoiled(stimulus_plan(rig), rig)), {}, rig)
+    clean = read_measurement(write_log(tmp_path / "a.log", example_frames(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "b.log", spoiled(example_frames(rig), rig)), {}, rig)
     for name, values in clean.columns.items():
         assert np.array_equal(m.columns[name], values, equal_nan=True), name
     refused, _, left_out, *_ = m.notes
@@ -190,7 +192,7 @@ def test_frames_that_the_emulator_would_refuse_are_refused_and_counted(tmp_path:
 
 
 def test_lost_frames_are_reported(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in stimulus_plan(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
+    frames = [f for f in example_frames(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     assert "1 frames missing according to the alive counters" in m.notes
 
@@ -231,7 +233,7 @@ def test_a_log_whose_clock_was_set_back_is_refused(tmp_path: Path, rig: Rig) -> 
 
 def test_an_incomplete_last_line_of_a_log_is_ignored(tmp_path: Path, rig: Rig) -> None:
     """A full disk or a kill cuts a line anywhere; half a payload would be another frame."""
-    path = write_log(tmp_path / "bus.log", stimulus_plan(rig))
+    path = write_log(tmp_path / "bus.log", example_frames(rig))
     text = path.read_bytes()
     start = text[:-1].rfind(b"\n") + 1
     path.write_bytes(text[:start])
@@ -293,6 +295,7 @@ gate_angle = { signal = "Pot.Phi", scale = 57.29577951308232 }
 
 
 def theirs(tmp_path: Path, suffix: str, rig: Rig) -> Measurement:
+    """Write a log of 1.2 s with the frames of THEIRS, and read it by their rig."""
     cmd, meas, pot, turns = (rig.messages[name] for name in ("Cmd", "Meas", "Pot", "Turns"))
     assert cmd.is_extended_frame
     frames: list[Frame] = []

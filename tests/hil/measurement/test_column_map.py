@@ -194,7 +194,7 @@ def test_a_column_may_be_mapped_once_only() -> None:
         ("F {kN}", 350.0), ("F<kN>", 350.0), ("F: kN", 350.0), ("F|kN", 350.0),
     ],
 )  # fmt: skip
-def test_a_unit_in_brackets_after_a_column_name_is_used(tmp_path: Path, header: str, newtons: float) -> None:
+def test_a_unit_in_a_column_name_is_used_in_every_usual_form(tmp_path: Path, header: str, newtons: float) -> None:
     assert _force_in(tmp_path, header, header) == pytest.approx([newtons, newtons])
 
 

@@ -134,7 +134,7 @@ def test_thinning_removes_frequencies_above_the_coarse_nyquist_limit_only() -> N
 
 @CALM
 @given(st.integers(2, 20), st.floats(-5, 5), st.floats(-100, 100))
-def test_a_thinned_ramp_is_exact_up_to_both_ends(factor: int, offset: float, slope: float) -> None:
+def test_a_thinned_ramp_is_exact_between_its_ends(factor: int, offset: float, slope: float) -> None:
     times = np.arange(25 * factor + 3) * STEP
     few = thinned(experiment(times, gate_angle_deg=offset + slope * times), None, factor, QUANTUM)
     assert np.array_equal(few.times, times[::factor])

@@ -50,7 +50,7 @@ def written(folder: Path, columns: dict[str, list[float]]) -> Path:
 
 
 def without(columns: dict[str, Any], end: str) -> dict[str, Any]:
-    """Leave out voltage or duty, as a file has only one of them per motor."""
+    """Return columns without those of the motors that end so: a file has either voltages or duties."""
     motors = {f"left_{end}", f"right_{end}"}
     return {name: value for name, value in columns.items() if name not in motors}
 
@@ -130,7 +130,7 @@ def table(folder: Path, text: str) -> Path:
     return path
 
 
-def test_an_input_is_unset_before_its_first_sample(tmp_path: Path) -> None:
+def test_an_input_file_that_begins_late_is_shifted_to_time_0_with_a_note(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,voltage_v\n1700000000,1\n1700000000.5,2\n")
     samples, notes = read_samples(path, {})
     assert samples.times.tolist() == [0.0, 0.5]

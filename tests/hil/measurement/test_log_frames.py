@@ -35,6 +35,7 @@ OTHERS = st.sampled_from(
 
 
 def same(one: LogFrames, other: LogFrames) -> None:
+    """Check that two readings have equal frames, times and notes."""
     assert one.times_ns.tolist() == other.times_ns.tolist()
     assert (one.notes, one.span, one.silences) == (other.notes, other.span, other.silences)
     for a, b in zip(one.frames, other.frames, strict=True):

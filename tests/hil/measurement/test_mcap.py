@@ -23,6 +23,7 @@ EPOCH_NS = 1_700_000_000_123_456_789
 
 
 def rows_of(count: int) -> np.ndarray:
+    """Return random rows, whole numbers where the catalogue says so."""
     random = np.random.default_rng(1)
     rows = random.normal(size=(count, ROW_WIDTH)) * 10.0 ** random.integers(-9, 9, ROW_WIDTH)
     for name, signal in COLUMNS.items():
@@ -66,6 +67,7 @@ def test_a_recording_of_a_gate_with_one_drive_has_the_columns_of_that_drive(tmp_
 
 
 def made(write: Callable[[Any], None]) -> bytes:
+    """Content of an MCAP file of another program, whose records `write` adds to its writer."""
     stream = io.BytesIO()
     new = writer.Writer(stream)
     new.start()
@@ -75,11 +77,13 @@ def made(write: Callable[[Any], None]) -> bytes:
 
 
 def foreign(new: Any) -> None:
+    """Write a message on the topic /truth, as another program might."""
     schema = new.register_schema("x", "jsonschema", b"{}")
     new.add_message(new.register_channel("/truth", "json", schema), 0, b"{}", 0)
 
 
 def told(path: Path, content: bytes) -> str:
+    """Return the single issue with which a file of this content is refused, without its name."""
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
         open_mcap(path).read(["time_s"], [])

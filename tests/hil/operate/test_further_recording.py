@@ -39,6 +39,7 @@ def plan(folder: Path, *record: str) -> Plan:
 
 
 def put(memory: Memory, first: int, count: int) -> None:
+    """Put rows, numbered from `first` on, into the ring."""
     rows, control = rows_from(first, count), memory.shared.control
     for row in rows:
         memory.shared.rows[int(control.rows[0]) % len(memory.shared.rows)] = row
@@ -46,6 +47,7 @@ def put(memory: Memory, first: int, count: int) -> None:
 
 
 def until(recording: FurtherRecording, phase: str | None) -> None:
+    """Wait until the recording is in this phase; None: until no recording is open."""
     deadline = time.monotonic() + 60
     while (state := recording.in_force()) is not None or phase is not None:
         if state is not None and state["phase"] == phase:

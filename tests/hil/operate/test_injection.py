@@ -44,11 +44,13 @@ VALUES: Mapping[str, Mapping[str, Any]] = {
 
 
 def frame(what: str, **signals: Any) -> can.Message:
+    """Return a BenchInject frame with this order and signals."""
     data = MESSAGE_OF_IT.encode({"Order": what, **signals})
     return can.Message(arbitration_id=INJECT, data=data, is_extended_id=False)
 
 
 def fault(kind: str, place: str = "none", value: float = 0.0, on: int = 1, way: int = 0) -> can.Message:
+    """Return a BenchInject frame that begins (`on` 1) or ends a fault; `way` is its signal FaultFrames."""
     said = {"FaultKind": kind, "FaultPlace": place, "FaultValue": value}
     return frame("fault", FaultOn=on, FaultFrames=way, **said)
 
@@ -89,7 +91,7 @@ class Bench:
 def ran(
     folder: Path, orders: Mapping[float, Sequence[can.Message]], text: str = "", duration: float = 1.0
 ) -> tuple[Any, Any]:
-    """Rows and sent frames of a run with these orders and this scenario."""
+    """Result and bus log (time, frame), without orders, of a run with orders by time [s] and this scenario."""
     path, log = folder / "s.toml", folder / "s.log"
     path.write_text(f"duration = {duration}\ninitial = 30\nseed = 5\n{text}", encoding="utf-8")
     result = lh.run(path, Bench(orders), "lockstep", record=log, trace=True)
@@ -263,7 +265,7 @@ def test_several_faults_of_one_message_act_in_order_of_injection(tmp_path: Path)
     ]
 
     def right(begin: float, end: float) -> set[bool]:
-        """Whether all checksums between two times are correct."""
+        """Whether the checksums between two times [s] are correct, as the set of their answers."""
         own = [data for time, data in frames if begin + 0.011 < time < end]
         assert len(own) > 15
         return {data[7] == j1850(0x210, data, 7) for data in own}
@@ -374,10 +376,10 @@ def test_the_labels_in_the_database_cover_all_kinds_and_places_of_faults() -> No
     }  # fmt: skip
     with lh.Gate() as gate:
         for place in [each for each in places if "." in each]:
-            gate.fault("parameter", key=place, value=find(gate, place))
+            gate.fault("parameter", key=place, value=raised_value(gate, place))
 
 
-def find(gate: lh.Gate, key: str) -> float:
+def raised_value(gate: lh.Gate, key: str) -> float:
     """Return 1.01 times the vehicle's value of this parameter."""
     from liftgate_hil.config.parameters import find_parameter, value_of
 

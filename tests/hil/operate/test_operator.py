@@ -67,6 +67,7 @@ def ran(
     duration: float = 0.6,
     ecu: Attached | None = None,
 ) -> tuple[Any, Attached, list[list[str]]]:
+    """Run a scenario in lockstep; return the result, the ECU and the bus log (time, frame)."""
     path, log = folder / "s.toml", folder / "s.log"
     path.write_text(f"duration = {duration}\ninitial = 30\nseed = 5\n{text}", encoding="utf-8")
     ecu = ecu or Attached(commands)
@@ -80,6 +81,7 @@ def ran(
 
 
 def assert_same(theirs: Any, ours: Any) -> None:
+    """Assert that two results have equal traces, but for the faults in force."""
     for name, column in ours.trace.items():
         if name == "faults_in_force":  # tells them apart
             continue

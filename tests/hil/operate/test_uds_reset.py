@@ -86,7 +86,7 @@ Run = Callable[..., tuple[Ecu, Any]]
 
 @pytest.fixture
 def on_bus(tmp_path: Path) -> Iterator[Run]:
-    """Return a function that runs a scenario with this ECU and a rig."""
+    """Return a function that runs a scenario with an `Ecu` of these answers; it returns ECU and result."""
     ecus = []
 
     def run(
@@ -126,6 +126,7 @@ def rig_with(folder: Path, text: str, without: str = "") -> Rig:
 
 
 def reason_of(result: Any) -> str:
+    """Return the reason of the only expectation, which must be inconclusive."""
     (told,) = result.expectations.values()
     assert told.verdict == "inconclusive", told
     return str(told.reason)

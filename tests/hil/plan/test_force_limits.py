@@ -21,6 +21,7 @@ CONDITION
 
 
 def limits(scenario: str) -> list[ForceLimit]:
+    """Return the force limits in a scenario's expectations."""
     setup = setup_of(scenario)
     return list(force_limits_of(setup.scenario, setup.vehicle, RIG))
 

@@ -46,13 +46,14 @@ stiffness = "$rod"
 
 
 def run(folder: Path, *suffixes: str, **more: Any) -> None:
+    """Run SCENARIO with a stiffer rod and another resistance, recorded in a file of each suffix."""
     (folder / "s.toml").write_text(SCENARIO)
     files = [folder / f"run{suffix}" for suffix in suffixes]
     settings = ["motor.resistance=0.8"]
     lh.run(folder / "s.toml", parameters={"rod": 20_000}, settings=settings, record=files, **more)
 
 
-def in_the_words_of_others(path: Path) -> str:
+def provenance_in(path: Path) -> str:
     """Provenance read by the format's own reader."""
     if path.suffix == ".mf4":
         from asammdf import MDF
@@ -76,7 +77,7 @@ def in_the_words_of_others(path: Path) -> str:
 @pytest.mark.parametrize("suffix", HOLDING)
 def test_a_recording_holds_files_seed_and_versions_of_its_run(tmp_path: Path, suffix: str) -> None:
     run(tmp_path, suffix, rate=2000.0)
-    told = json.loads(in_the_words_of_others(tmp_path / f"run{suffix}"))
+    told = json.loads(provenance_in(tmp_path / f"run{suffix}"))
     assert (told["seed"], told["clock"], told["rate_hz"]) == (7, "free", 2000.0)
     assert (told["duration_s"], told["parameters"]) == (0.3, {"rod": 20_000.0})
     assert told["initial_deg"] == pytest.approx(20.0)
@@ -91,7 +92,7 @@ def test_a_recording_holds_files_seed_and_versions_of_its_run(tmp_path: Path, su
         assert told["files"][name]["text"] == path.read_text(encoding="utf-8")
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         assert told["files"][name]["sha256"] == digest
-    assert open_recording(tmp_path / f"run{suffix}").about == in_the_words_of_others(tmp_path / f"run{suffix}")
+    assert open_recording(tmp_path / f"run{suffix}").about == provenance_in(tmp_path / f"run{suffix}")
 
 
 def test_the_same_run_gives_byte_identical_recordings(tmp_path: Path) -> None:
@@ -120,7 +121,7 @@ def test_a_recording_by_the_recorder_process_has_the_provenance_too(tmp_path: Pa
     path = tmp_path / "run.mcap"
     line = ["--bus", "virtual:origin", "--duration", "0.2", "--overrun-limit", "60", "--seed", "3"]
     assert main([*line, "--quiet", "--record", str(path)]) == 0
-    told = json.loads(in_the_words_of_others(path))
+    told = json.loads(provenance_in(path))
     assert (told["seed"], told["clock"]) == (3, "realtime")
     assert open_recording(path).start_ns > 0
 
@@ -131,7 +132,7 @@ def test_a_provenance_larger_than_a_pipe_buffer_reaches_the_recorder_process(tmp
     path = tmp_path / "run.mcap"
     line = ["--bus", "virtual:long", "--duration", "0.2", "--overrun-limit", "60"]
     assert main([*line, "--quiet", "--scenario", str(long), "--record", str(path)]) == 0
-    assert json.loads(in_the_words_of_others(path))["files"]["scenario"]["text"] == long.read_text()
+    assert json.loads(provenance_in(path))["files"]["scenario"]["text"] == long.read_text()
 
 
 def test_converting_keeps_the_provenance_or_reports_its_loss(tmp_path: Path) -> None:
@@ -161,7 +162,7 @@ def test_a_table_of_simulate_has_a_provenance_too(tmp_path: Path) -> None:
     path = tmp_path / "out.parquet"
     line = f"simulate --input {table} --duration 0.2 --step 0.002 --seed 5 --output {path}"
     assert main(line.split()) == 0
-    told = json.loads(in_the_words_of_others(path))
+    told = json.loads(provenance_in(path))
     assert (told["clock"], told["rate_hz"], told["seed"]) == ("offline", 500.0, 5)
     assert told["duration_s"] == 0.2
     assert told["files"]["input"]["text"] == table.read_text()
@@ -216,6 +217,7 @@ class Silent:
 
 
 def ecu_of(path: Path, **how: Any) -> dict[str, Any]:
+    """Return the ECU's part of the provenance in a recording of the demo."""
     lh.run("demo", duration=0.05, record=[path], **how)
     told: dict[str, Any] = json.loads(open_recording(path).about)["ecu"]
     return told

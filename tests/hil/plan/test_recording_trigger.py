@@ -45,6 +45,7 @@ def rows_with(forces: list[float]) -> np.ndarray:
 
 
 def frames_at(times_us: list[int]) -> Any:
+    """Return frames at these times [µs]."""
     frames = logged(frames_of([(0x100 + k % 3, bytes([k % 256])) for k in range(len(times_us))]), 0, True)
     frames["time_ns"] = np.array(times_us, dtype=np.int64) * 1000
     return frames
@@ -268,7 +269,7 @@ def test_the_recorder_process_of_a_real_time_run_triggers_in_the_same_way(tmp_pa
         (["--record-after", "-1"], "argument --record-after: '-1'; allowed: 0 to 600 s"),
     ],
 )
-def test_trigger_flags_that_need_each_other_are_reported(
+def test_trigger_flags_that_need_others_or_are_out_of_range_are_reported(
     more: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["--bus", "virtual:x", "--duration", "0.1", *more]) == 2

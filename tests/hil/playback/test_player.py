@@ -30,6 +30,7 @@ FRAMES = [(0x100 + k % 5 if k % 7 else 0x18F00300 | EXTENDED, bytes([k, 1])) for
 
 
 def write(path: Path, frames: list[tuple[int, bytes]], is_sent: list[bool], step: float = 1e-3) -> Path:
+    """Record frames, `step` s apart, with their directions; return the path."""
     rows = logged(frames_of(frames), 0, True)
     rows["time_ns"] = (np.arange(len(frames)) * step * 1e9).astype(np.int64) + 5_000_000
     rows["is_sent"] = is_sent
@@ -46,6 +47,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, list[can.Message]]:
+    """Play a recording onto a virtual bus; return the result and the messages on the bus."""
     channel = f"replay-{uuid.uuid4()}"
     with can.Bus(interface="virtual", channel=channel) as bus:
         way = Way({"interface": "virtual", "channel": channel}, None, how.pop("is_fd", False))
@@ -57,7 +59,8 @@ def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, 
     return told.played, messages
 
 
-def times_sent(messages: list[can.Message]) -> list[tuple[int, bytes]]:
+def sent_rows(messages: list[can.Message]) -> list[tuple[int, bytes]]:
+    """Return identifier with flags and payload of each message."""
     return [(m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages]
 
 
@@ -68,7 +71,7 @@ def test_every_frame_of_every_format_is_replayed_once_and_in_order(tmp_path: Pat
         pytest.importorskip({".mf4": "asammdf", ".mcap": "mcap"}[suffix])
     path = write(tmp_path / f"run{suffix}", FRAMES, [True] * len(FRAMES))
     played, messages = play(path)
-    assert times_sent(messages) == FRAMES
+    assert sent_rows(messages) == FRAMES
     assert (played.frames_sent, played.frames_not_sent, played.is_complete) == (60, 0, True)
     assert played.lateness.count == 60
     assert played.played_s == pytest.approx(0.059)
@@ -78,7 +81,7 @@ def test_without_a_direction_the_sent_frames_are_replayed_or_all_if_none_was_sen
     ways = [k % 3 == 0 for k in range(60)]
     path = write(tmp_path / "run.log", FRAMES, ways)
     _, messages = play(path)
-    assert times_sent(messages) == [each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent]
+    assert sent_rows(messages) == [each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent]
     _, messages = play(path, selection=Selection("received"))
     assert len(messages) == 40
     played, messages = play(write(tmp_path / "their.log", FRAMES, [False] * 60))
@@ -88,7 +91,7 @@ def test_without_a_direction_the_sent_frames_are_replayed_or_all_if_none_was_sen
 def test_several_rounds_of_a_replay_repeat_the_same_frames(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES[:20], [True] * 20, 1e-4)
     played, messages = play(path, times=3, speed=2.0)
-    assert times_sent(messages) == FRAMES[:20] * 3
+    assert sent_rows(messages) == FRAMES[:20] * 3
     assert (played.rounds, played.played_s) == (3, pytest.approx(3 * 19 * 0.5e-4))
 
 
@@ -99,7 +102,7 @@ def test_recordings_larger_than_the_ring_are_replayed_completely_in_each_round(
     monkeypatch.setattr(player, "empty_schedule", lambda places=16: small(places))
     path = write(tmp_path / "run.log", FRAMES, [True] * 60, 1e-5)
     _, messages = play(path, times=2)
-    assert times_sent(messages) == FRAMES * 2
+    assert sent_rows(messages) == FRAMES * 2
 
 
 def test_a_bad_recording_is_reported_before_the_bus_is_opened(tmp_path: Path, path: Path) -> None:
@@ -145,7 +148,7 @@ def test_a_recording_is_played_from_python(path: Path) -> None:
 
 
 class Wire:
-    """A transport that is lost between two numbered frames."""
+    """A transport that cannot send frames whose first byte is in `lost`, and keeps that of the others."""
 
     name, is_up = "wire", True
 

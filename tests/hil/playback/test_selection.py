@@ -18,6 +18,7 @@ NS = 1_000_000_000
 
 
 def recorded(times: list[float], identifiers: list[int] | None = None, sent: bool = True) -> Any:
+    """Return frames of a recording at these times [s]."""
     frames = logged(frames_of([(each, b"") for each in identifiers or [0x100] * len(times)]), 0, sent)
     frames["time_ns"] = np.round(np.array(times) * 1e9)
     return frames

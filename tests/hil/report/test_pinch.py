@@ -49,7 +49,7 @@ def test_peak_contact_and_reversal_of_a_pinch_are_found_in_both_directions(way: 
     assert event.back_deg == pytest.approx(6.0, abs=0.005)
 
 
-def test_the_contact_with_the_largest_force_counts() -> None:
+def test_the_pinch_event_is_the_contact_with_the_largest_force() -> None:
     columns = rows()
     columns["pinch_force_n"] += np.interp(TIMES, [1.0, 1.1, 1.2], [0.0, 80.0, 0.0])
     assert event_of(columns).start_s == pytest.approx(4.5, abs=0.0015)

@@ -29,7 +29,7 @@ def test_sources_that_are_no_files_are_left_out_and_pipes_are_not_read(tmp_path:
     assert sources_of({key: tmp_path / name for key, name in names.items()}) == {}
 
 
-def test_the_date_is_now_or_taken_from_the_environment() -> None:
+def test_the_date_of_a_provenance_is_now_or_taken_from_the_environment() -> None:
     given = provenance_of("liftgate-hil demo", {}, {"SOURCE_DATE_EPOCH": "1700000000"})
     assert given.date == "2023-11-14T22:13:20+00:00"
     for nonsense in ("", "soon", "-1", "1e9", "9" * 30):

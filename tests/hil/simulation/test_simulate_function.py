@@ -13,7 +13,7 @@ from liftgate_hil.errors import ConfigError
 OPENING = {"voltage": 12.0, "duration": 0.05, "every": 5, "seed": 3, "settings": ["environment.road_slope_deg=8"]}
 
 
-def test_the_table_in_memory_equals_that_in_a_file(tmp_path: Path) -> None:
+def test_the_table_of_simulate_in_memory_equals_that_in_a_file(tmp_path: Path) -> None:
     found = lh.simulate(**OPENING)
     target = tmp_path / "opening.csv"
     written = lh.simulate(output=target, **OPENING)

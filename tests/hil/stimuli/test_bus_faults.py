@@ -30,6 +30,7 @@ def opening(**more: Any) -> lh.Gate:
 
 
 def of(frames: list[Any], identifier: int) -> list[tuple[float, bytes]]:
+    """Return time [s] and payload of the frames with this identifier."""
     return [
         (round(float(each.timestamp), 6), bytes(each.data)) for each in frames if each.arbitration_id == identifier
     ]
@@ -55,6 +56,7 @@ def pair(kind: str, seconds: float = 0.5, **values: Any) -> tuple[list[Any], lis
 
 
 def others(frames: list[Any], identifier: int) -> list[tuple[float, int, bytes]]:
+    """Return time [s], identifier and payload of the frames with another identifier."""
     return [
         (float(each.timestamp), each.arbitration_id, bytes(each.data))
         for each in frames
@@ -107,7 +109,7 @@ def decoded(data: bytes) -> dict[str, Any]:
     return values
 
 
-def test_a_frozen_counter_has_a_correct_checksum() -> None:
+def test_a_frame_with_a_frozen_counter_has_a_correct_checksum() -> None:
     said, heard = pair("wrong_counter", where="LeftDrive", direction="sent")
     good, bad = ([decoded(data) for _, data in of(each, LEFT)] for each in (said, heard))
     before = (int(good[0]["AliveCounter"]) - 1) % 16
@@ -132,13 +134,13 @@ def test_a_truncated_frame_is_too_short() -> None:
 
 def test_a_frozen_frame_keeps_its_data() -> None:
     said, heard = pair("frame_frozen", where="LeftDrive", direction="sent")
-    assert {data for _, data in of(heard, LEFT)} == {last_before(LEFT)}
+    assert {data for _, data in of(heard, LEFT)} == {payload_before_faults(LEFT)}
     assert len(of(heard, LEFT)) == len(of(said, LEFT))
 
 
 @cache
-def last_before(identifier: int) -> bytes:
-    """Last frame of a message in `opening`, before the faults of `pair` begin."""
+def payload_before_faults(identifier: int) -> bytes:
+    """Payload of the last frame of a message in `opening`, so before the faults of `pair` begin."""
     gate = lh.Gate(initial=30, seed=3)
     gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
     return of(gate.step(0.5), identifier)[-1][1]
@@ -155,7 +157,7 @@ def test_an_intermittent_freeze_holds_the_last_frame_before_each_onset() -> None
             assert heard[place] == said[place]
         else:
             begin = place - (place % 20)
-            last = last_before(LEFT) if begin == 0 else said[begin - 1][1]
+            last = payload_before_faults(LEFT) if begin == 0 else said[begin - 1][1]
             assert heard[place][1] == last
 
 
@@ -186,11 +188,11 @@ def test_a_freeze_before_the_first_frame_holds_the_first_frame() -> None:
 def test_a_freeze_without_a_message_freezes_each_message_separately() -> None:
     said, heard = pair("frame_frozen", direction="sent")
     for identifier in {each.arbitration_id for each in said}:
-        assert {data for _, data in of(heard, identifier)} == {last_before(identifier)}
+        assert {data for _, data in of(heard, identifier)} == {payload_before_faults(identifier)}
 
 
 @pytest.mark.parametrize(("identifier", "rate"), [(0x5, 300.0), (0x18FF0001, 2500.0)])
-def test_a_babbling_node_sends_without_end(identifier: int, rate: float) -> None:
+def test_a_babbling_node_sends_frames_at_its_rate(identifier: int, rate: float) -> None:
     said, heard = pair("babbling", 1.0, direction="sent", id=identifier, rate=rate)
     added = of(heard, identifier)
     assert abs(len(added) - rate) <= 1 + rate * 0.001  # the first tick sends one

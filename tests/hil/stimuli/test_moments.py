@@ -28,7 +28,7 @@ OPENING = 'duration = 3.0\ninitial = 30\n[[request]]\ntime = 0.1\naction = "open
 
 
 def first_tick(result: lh.Result, column: str, above: float) -> int:
-    """Return the first row in which a column exceeds a value."""
+    """Return the index of the first row in which a column exceeds a value; 0 if there is none."""
     return int(np.argmax(result.trace[column] > above))
 
 
@@ -67,7 +67,7 @@ def test_the_end_condition_of_a_fault_is_evaluated_only_after_its_start(tmp_path
     assert coast[1501] == 0.0  # it still moved
 
 
-def test_a_request_waits_for_a_condition_or_a_frame(tmp_path: Path) -> None:
+def test_a_request_waits_for_a_condition_of_a_bus_signal(tmp_path: Path) -> None:
     later = '[[request]]\ntime = "Gate.Angle > 33"\naction = "stop"\n'
     result = ran(tmp_path, OPENING + later)
     assert [event.text for event in result.events if "stop" in event.text.lower()] or (
@@ -111,7 +111,7 @@ def test_a_ramped_fault_parameter_changes_linearly_to_its_value(tmp_path: Path) 
     assert volts[2501] == 12.0
 
 
-def test_conditional_stimuli_act_alike_in_every_loop(tmp_path: Path) -> None:
+def test_conditional_stimuli_act_alike_on_free_and_lockstep_clocks(tmp_path: Path) -> None:
     text = OPENING + (
         '[[fault]]\nkind = "hall_missing"\nprobability = 0.2\nstart = "gate_angle_deg > 31"\n'
         '[[fault]]\nkind = "spring_weak"\nfactor = 0.5\nstart = 1.0\nperiod_s = 0.5\nshare = 0.5\n'
@@ -190,7 +190,7 @@ def test_a_delay_is_added_to_a_start_time_too(tmp_path: Path) -> None:
     assert coast[200:2000].tolist() == [float(750 <= k < 1250) for k in range(200, 2000)]
 
 
-def test_an_on_or_off_time_shorter_than_a_tick_is_refused(tmp_path: Path) -> None:
+def test_an_on_or_off_time_of_a_fault_shorter_than_a_tick_is_refused(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nperiod_s = 0.01\nshare = 0.05\n'
     with pytest.raises(ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"):
         ran(tmp_path, OPENING + fault)

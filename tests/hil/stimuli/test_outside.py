@@ -26,6 +26,7 @@ BOTH = pytest.mark.parametrize("which", ["plain", "compiled"])
 
 
 def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
+    """Return the function itself ("plain") or its machine code ("compiled")."""
     return function if which == "plain" else compiled(function)
 
 

@@ -35,6 +35,7 @@ def recorded(folder: Path, text: str, **more: Any) -> tuple[Any, list[tuple[floa
 
 
 def of(frames: list[tuple[float, int, bytes]], identifier: int) -> list[tuple[float, bytes]]:
+    """Return time [s] and payload of the frames with this identifier."""
     return [(time, payload) for time, own, payload in frames if own == identifier]
 
 
@@ -89,7 +90,7 @@ OWN = 'counter = "AliveCounter"\nchecksum = "Checksum"\n'
 
 
 def rig_with(folder: Path, protection: str) -> Path:
-    """The shipped rig with another protection of Body."""
+    """Write the shipped rig with another protection of Body; return its path."""
     text = Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
     assert f"[messages.Body]\n{OWN}" in text
     text = text.replace(f"[messages.Body]\n{OWN}", f"[messages.Body]\n{protection}")

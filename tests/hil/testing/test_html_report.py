@@ -65,6 +65,7 @@ ORIGIN = Provenance("liftgate-hil test <x>", "2026-01-01T00:00:00+00:00", {}, {"
 
 
 def outcomes_of(folder: Path, **files: str) -> list[Outcome]:
+    """Write scenario files (name, content) to a folder, and run them one after the other."""
     for name, content in files.items():
         (folder / f"{name}.toml").write_text(content)
     template = Job(RunRequest(), is_summarized=True)

@@ -38,11 +38,12 @@ def table(path: Path, head: str, rows: list[tuple[float, ...]]) -> Path:
 
 
 def ramp(path: Path, times: list[float], head: str = "time_s,gate_angle_deg") -> Path:
-    """Rows whose angle is ten times the time."""
+    """Write a table whose second column is ten times the time; return its path."""
     return table(path, head, [(time, 10.0 * time) for time in times])
 
 
 def even(rate: float, end: float) -> list[float]:
+    """Return times from 0 s to `end`, inclusive, at a rate [Hz]."""
     return [k / rate for k in range(round(rate * end) + 1)]
 
 
@@ -236,6 +237,7 @@ def test_judging_ignores_frames_that_fail_the_rigs_protection(tmp_path: Path) ->
 
 
 def by_hand(track: ColumnSamples, at: list[int]) -> list[float]:
+    """Return the last value at or before each time [µs], NaN before the first."""
     seen: Callable[[int], list[float]] = lambda now: [  # noqa: E731
         value for time, value in zip(track.times_us.tolist(), track.values.tolist(), strict=True) if time <= now
     ]

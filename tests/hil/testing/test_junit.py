@@ -149,4 +149,5 @@ def test_a_wrong_scenario_file_leaves_no_earlier_junit_report(
 
 
 def suite_of(name: str) -> ElementTree.Element:
+    """Return the first suite of a JUnit XML file."""
     return ElementTree.parse(name).getroot()[0]

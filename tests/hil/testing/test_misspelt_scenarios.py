@@ -16,14 +16,14 @@ EXPECT = '\nname = "x"\nalways = "time_s >= 0"\n'
 @pytest.mark.parametrize(
     "header", ["[[expects]]", "[[Expect]]", "[[expectation]]", "[[expcet]]", "[[expect]", "[expect]"]
 )
-def test_a_misspelt_scenario_is_reported(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_misspelt_header_is_reported(tmp_path: Path, header: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "good.toml").write_text(GOOD)
     (tmp_path / "bad.toml").write_text(BAD + header + EXPECT)
     assert main(["test", str(tmp_path)]) == 2
     assert "bad.toml" in capsys.readouterr().err
 
 
-def test_a_misspelt_scenario_without_other_known_keys_is_reported_too(
+def test_a_misspelt_header_without_other_tables_is_reported_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "good.toml").write_text(GOOD)

@@ -60,7 +60,7 @@ eventually = "pinch_force_n > 5"
 
 
 def choose(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    """Select these mutants and expectations, for a quick run."""
+    """Leave only these mutants in the catalogue, for a quick run."""
     from liftgate_hil.testing import mutation, sections
 
     chosen = {name: MUTANTS[name] for name in names}

@@ -28,6 +28,7 @@ def test_every_expectation_has_a_unique_node_name(names: list[str]) -> None:
 
 
 def pytest_in(folder: Path, *arguments: str) -> str:
+    """Run pytest in a folder; return all that it prints."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:randomly", *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
     return done.stdout + done.stderr

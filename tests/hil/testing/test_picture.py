@@ -52,8 +52,8 @@ def expectations(draw: Any) -> Expectation:
     return Expectation("x <&>", kind, draw(CONDITIONS), after, within, hold)
 
 
-def unit_free(expectation: Expectation) -> bool:
-    """Whether both sides can be compared as to their units."""
+def is_valid(expectation: Expectation) -> bool:
+    """Whether the expectation is valid, such as in the units of both sides of its comparisons."""
     try:
         expected_of([expectation], {}, shipped_rig().messages, 2, "file")
     except Exception:
@@ -62,7 +62,7 @@ def unit_free(expectation: Expectation) -> bool:
 
 
 @CALM
-@given(expectations().filter(unit_free), VALUES, st.integers(1, 40))
+@given(expectations().filter(is_valid), VALUES, st.integers(1, 40))
 def test_any_expectation_of_any_run_has_pictures(
     expectation: Expectation, values: list[float], block: int
 ) -> None:

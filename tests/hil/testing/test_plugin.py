@@ -51,6 +51,7 @@ class Dead:
 
 @pytest.fixture
 def foreign(tmp_path: Path) -> Path:
+    """A foreign repository with folders named as ours, tests, scenarios and an ECU."""
     (tmp_path / "hil").mkdir()
     (tmp_path / "hil" / "__init__.py").write_text("raise RuntimeError('not ours')")
     (tmp_path / "plant").mkdir()
@@ -70,6 +71,7 @@ def foreign(tmp_path: Path) -> Path:
 
 
 def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run pytest in a folder, with its cache only for `--lf`."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
     if any(each.startswith("--lf") for each in arguments):
         command.remove("no:cacheprovider")

@@ -24,6 +24,7 @@ def scenario(folder: Path, text: str, duration: float = 9.0) -> Path:
 
 
 def texts(result: lh.Result) -> list[str]:
+    """Return the texts of the ECU's events, each up to its first colon."""
     return [each.text.split(":")[0] for each in result.events]
 
 
@@ -188,7 +189,7 @@ def test_an_invalid_precondition_is_reported(tmp_path: Path, line: str, said: st
 
 
 class Listens:
-    """Opens and closes as the reference ECU does, and keeps the times at which it was called."""
+    """An ECU that sends nothing, and keeps the times [s] at which it was called."""
 
     times: list[float]
     period_s = 0.001
@@ -245,6 +246,7 @@ class Counts:
 
 
 def calls(log: Path) -> list[int]:
+    """Return the numbers in the frames of `Counts` or LIBRARY, in order."""
     return [int(line.split("#")[1].split()[0], 16) for line in log.read_text().splitlines() if " 555#" in line]
 
 

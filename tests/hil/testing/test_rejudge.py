@@ -55,6 +55,7 @@ FORMATS = [
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lh.Result]:
+    """A folder with a run of SCENARIO recorded in every format, and its result."""
     folder = tmp_path_factory.mktemp("rejudge")
     (folder / "s.toml").write_text(SCENARIO)
     files = sorted({name for each in FORMATS for name in each})
@@ -308,7 +309,7 @@ def test_evenly_left_out_rows_never_make_a_peak_pass(run: tuple[Path, lh.Result]
 
 
 @pytest.mark.parametrize("zero", [0.0, 0.3, -1.0, 594_680.0])
-def test_a_foreign_table_begins_with_its_first_row(tmp_path: Path, zero: float) -> None:
+def test_time_0_of_a_foreign_table_is_that_of_its_first_row(tmp_path: Path, zero: float) -> None:
     """Pre-trigger rows are judged, and a file that begins late is judged as any other."""
     path = _force_over_time(tmp_path / "f.csv", zero)
     (tmp_path / "s.toml").write_text(_SOFT)
@@ -334,6 +335,7 @@ _SOFT = 'description = "x"\n[[expect]]\nname = "soft"\nnever = "pinch_force_n > 
 
 
 def _force_over_time(path: Path, zero: float) -> Path:
+    """Write a table of 3 s from time `zero` on, with 350 N from 0.41 to 0.59 s after it; return its path."""
     rows = [f"{zero + 0.01 * k:.2f},{350.0 if 40 < k < 60 else 20.0}" for k in range(300)]
     path.write_text("time_s,pinch_force_n\n" + "\n".join(rows) + "\n")
     return path

@@ -120,6 +120,7 @@ def judged_live(path: Path, rows: Any, frames: Any) -> dict[str, Verdict]:
 
 @pytest.fixture(scope="module", params=[1, 2])
 def late(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Verdict]]:
+    """A folder with a late run recorded in every format, and the verdicts of the run."""
     folder = tmp_path_factory.mktemp("late")
     (folder / "s.toml").write_text(SCENARIO)
     rows, frames = late_run(request.param)

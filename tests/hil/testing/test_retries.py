@@ -18,7 +18,7 @@ SCENARIO = 'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg
 
 @pytest.fixture
 def attempts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Set the verdicts of the next runs, one after the other."""
+    """List that the test fills with the verdicts of the next runs; each run takes the first one from it."""
     monkeypatch.chdir(tmp_path)
     Path("s.toml").write_text(SCENARIO)
     verdicts: list[str] = []

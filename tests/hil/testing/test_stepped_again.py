@@ -102,7 +102,7 @@ def test_lateness_larger_than_the_margin_is_inconclusive(run: tuple[Path, list[P
 
 
 @pytest.mark.parametrize("before", [0.02, 1.0])
-def test_a_bench_delay_like_lost_messages_makes_all_later_decisions_inconclusive(
+def test_a_bench_delay_as_long_as_lost_messages_makes_all_later_decisions_inconclusive(
     run: tuple[Path, list[Path], float], before: float
 ) -> None:
     """An ECU that hears nothing for two cycles may stop: a rod that it never reaches is no pass, and the commands
@@ -216,6 +216,7 @@ PASSED = Verdict("x", "pass", margin=10.0, margin_unit="N")
 
 
 def again(**changed: Verdict) -> SteppedAgain:
+    """Return simulations that change the margin by 1 N, whose verdicts are PASSED but for the given ones."""
     verdicts = {"as_they_arrived": PASSED, "earlier": PASSED, "later": PASSED} | changed
     return SteppedAgain(**{name: [each] for name, each in verdicts.items()}, changes=[1.0])
 

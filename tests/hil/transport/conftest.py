@@ -21,7 +21,7 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 
 @pytest.fixture
 def line(terminal: Terminal) -> Iterator[SerialTransport]:
-    """The transport under test."""
+    """The transport under test, at the near end of the terminal's line."""
     with opened(str(terminal.link)) as transport:
         yield transport
 

@@ -24,6 +24,7 @@ class Terminal:
         self.plug()
 
     def plug(self) -> None:
+        """Open a new pseudo-terminal under the same link."""
         self.master, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(self.master, False)

@@ -65,7 +65,7 @@ def test_two_ways_of_naming_the_bus_at_once_are_refused(rig: Rig):
         bus_arguments(WireChoice(bus="virtual:x", interface="virtual"), rig)
 
 
-def test_python_cans_flags_and_environment_variables_work(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+def test_a_bus_is_chosen_by_python_cans_flags_or_environment_variables(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     found = bus_arguments(WireChoice(interface="virtual", channel="x"), rig)
     assert (found["interface"], found["channel"]) == ("virtual", "x")
@@ -310,6 +310,7 @@ class Faulty:
 
 
 def faulty(monkeypatch: pytest.MonkeyPatch, results: list[Any]) -> CanTransport:
+    """Return a transport whose bus is a Faulty with these results."""
     monkeypatch.setattr(can, "Bus", lambda **arguments: Faulty(results))
     return CanTransport({"interface": "virtual", "channel": "x"})
 

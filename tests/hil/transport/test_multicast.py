@@ -56,6 +56,7 @@ def pair(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CanTranspo
 
 
 def fields_of(**changed: Any) -> bytes:
+    """Return a datagram of python-can's multicast bus with changed fields."""
     fields = {"arbitration_id": 0x120, "is_extended_id": False, "dlc": 2, "data": b"ab"}
     return bytes(msgpack.packb({**fields, **changed}))
 
@@ -92,10 +93,10 @@ def test_datagrams_that_are_no_frames_are_counted_and_skipped(pair: tuple[CanTra
     assert transport.counts() == LinkCounts(unreadable_frames=len(JUNK))
 
 
-BURST = 3000  # more than the socket of `small` has room for
+BURST = 3000  # more than the socket of `shrink_receive_buffer` has room for
 
 
-def small(transport: CanTransport) -> None:
+def shrink_receive_buffer(transport: CanTransport) -> None:
     """Shrink the transport's receive buffer so that a burst overflows it."""
     transport._bus._multicast._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65_536)
 
@@ -107,7 +108,7 @@ def flood(other: Any) -> None:
 
 def test_frames_that_the_kernel_drops_are_counted(pair: tuple[CanTransport, Any]):
     transport, other = pair
-    small(transport)
+    shrink_receive_buffer(transport)
     flood(other)
     read = 0
     while come := transport.receive().count:
@@ -118,7 +119,7 @@ def test_frames_that_the_kernel_drops_are_counted(pair: tuple[CanTransport, Any]
 
 def test_drops_are_passed_with_the_next_frame_except_those_before_the_start(pair: tuple[CanTransport, Any]):
     transport, other = pair
-    small(transport)
+    shrink_receive_buffer(transport)
     pump = Pump(transport)
     flood(other)
     pump.drain()
@@ -224,7 +225,7 @@ def test_an_invalid_multicast_group_is_reported_with_the_allowed_ones(rig: Rig, 
 
 
 class Foreign:
-    """A bus whose datagrams come from other senders."""
+    """A bus that receives one datagram from each of these addresses."""
 
     protocol = can.CanProtocol.CAN_FD
 
@@ -244,7 +245,7 @@ class Foreign:
 def counted(
     monkeypatch: pytest.MonkeyPatch, senders: list[tuple[Any, ...]], hops: int, name: str = "239.0.0.7"
 ) -> tuple[int, int]:
-    """Number of accepted and of refused frames."""
+    """Numbers of accepted and of refused frames, with one from each sender and a hop limit of `hops`."""
     monkeypatch.setattr(can, "Bus", lambda **arguments: Foreign(senders, name))
     transport = CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": hops})
     try:

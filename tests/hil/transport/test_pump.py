@@ -29,11 +29,12 @@ Rows = list[tuple[int, bytes]]
 
 
 def send(pump: Pump, rows: Rows) -> Writing:
+    """Write frames to the pump, as the loop does."""
     return write_frames(pump.descriptor, make_buffers(), frames_of(rows), 0)
 
 
 class Reader:
-    """Frames that the loop's side has received so far."""
+    """Frames that the loop's side has received so far; `look` reads further ones, and returns their number."""
 
     def __init__(self, pump: Pump) -> None:
         self._pump = pump
@@ -50,6 +51,7 @@ class Reader:
 
 @pytest.fixture(autouse=True)
 def nothing_leaks() -> Iterator[None]:
+    """Check that a test has ended all its threads and closed its descriptors."""
     threads, files = set(threading.enumerate()), descriptors()
     yield
     wait_for(lambda: set(threading.enumerate()) <= threads)
@@ -158,7 +160,7 @@ def test_closing_the_pump_does_not_wait_for_unread_frames(pair: tuple[Pump, can.
 
 
 class Driver:
-    """A python-can bus controlled by the test: raises received exceptions, returns messages."""
+    """A python-can bus controlled by the test: reads return messages of `come` or raise its exceptions."""
 
     opened = 0
 
@@ -228,7 +230,7 @@ class VendorError(Exception):
 
 
 def is_read(rig: Rig) -> bool:
-    """Whether the pump reads new messages."""
+    """Wait until the pump has read all there is; return whether its bus is open."""
     transport, before = rig.pump._transport, time.monotonic_ns()
     wait_for(lambda: transport._since_ns > before)
     return bool(transport.is_up)
@@ -512,7 +514,7 @@ def test_a_flood_does_not_keep_the_pump_from_closing(read_before: bool):
 
 
 class Broken(Endless):
-    """A transport with a mistake in it."""
+    """A transport whose reads and writes raise exceptions, as of a programming error."""
 
     def receive(self, timeout: float = 0.0) -> Frames:
         raise RuntimeError

@@ -14,7 +14,7 @@ from liftgate_hil.transport.receive_buffer import DropCounter, enlarge, kernel_d
 
 
 class Counting:
-    """A socket whose kernel has dropped this many frames; None: it does not report."""
+    """A socket whose kernel reports these totals of dropped frames, one per query; None: it reports none."""
 
     def __init__(self, *counts: int | None) -> None:
         self.counts = list(counts)

@@ -134,12 +134,14 @@ def header(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 
 def c_encode(header: ctypes.CDLL, identifier: int, payload: bytes, room: int = 70) -> bytes:
+    """Return the bytes of a frame encoded by the C header, none if it refuses the frame."""
     out = ctypes.create_string_buffer(room)
     size = header.encode(identifier, payload, len(payload), out, room)
     return out.raw[:size]
 
 
 def c_decode(header: ctypes.CDLL, line: bytes) -> tuple[list[tuple[int, bytes]], dict[str, int]]:
+    """Return the frames of a line decoded by the C header, and its counters by name."""
     out = ctypes.create_string_buffer(2 * len(line) + 100)
     counters = (ctypes.c_uint32 * 6)()
     used = header.decode(line, ctypes.c_size_t(len(line)), out, counters)
@@ -150,7 +152,8 @@ def c_decode(header: ctypes.CDLL, line: bytes) -> tuple[list[tuple[int, bytes]],
     return got, dict(zip(COUNTERS, counters, strict=True))
 
 
-def said_alike(decoder: CobsDecoder, counters: dict[str, int]) -> bool:
+def have_equal_counts(decoder: CobsDecoder, counters: dict[str, int]) -> bool:
+    """Whether Python and the C header have counted the same bad frames by cause."""
     return tuple(decoder.counts) == tuple(counters[name] for name in COUNTERS[1:])
 
 
@@ -171,7 +174,7 @@ def test_c_and_python_agree_on_a_disturbed_line(header: ctypes.CDLL, seed: int):
     decoder = CobsDecoder()
     got, counters = c_decode(header, line)
     assert got == decoder.feed(line)
-    assert said_alike(decoder, counters)
+    assert have_equal_counts(decoder, counters)
     assert counters["frames"] == len(got)
 
 
@@ -183,7 +186,7 @@ def test_c_and_python_agree_on_any_bytes(header: ctypes.CDLL):
         decoder = CobsDecoder()
         got, counters = c_decode(header, line)
         assert got == decoder.feed(line)
-        assert said_alike(decoder, counters)
+        assert have_equal_counts(decoder, counters)
 
     agree()
 

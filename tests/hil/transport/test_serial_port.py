@@ -234,7 +234,7 @@ def test_frames_for_a_stalled_reader_are_dropped_entirely_and_counted(terminal: 
 
 
 class Narrow:
-    """A port that accepts a limited number of bytes per write."""
+    """A port whose first writes accept these numbers of bytes, and later ones all."""
 
     def __init__(self, takes: list[int]) -> None:
         self.takes = takes
@@ -311,6 +311,7 @@ def test_an_rfc_2217_port_sends_and_receives():
 
 
 def _serve_rfc2217(listener: socket.socket, stop: threading.Event) -> None:
+    """Echo what one client sends, by pyserial's RFC 2217 server, until `stop` is set."""
     client, _ = listener.accept()
     client.settimeout(0.005)
     device = serial.serial_for_url("loop://", timeout=0)
@@ -349,7 +350,7 @@ class _Clock:
 
 
 class _Port:
-    """A port that gives one frame after a number of empty reads, then nothing."""
+    """A port whose reads give `reads` one after the other, then nothing, and take `look_s` [s] each."""
 
     def __init__(self, clock: _Clock, look_s: float) -> None:
         self._clock, self._look_s = clock, look_s

@@ -18,12 +18,14 @@ HOSTILE = "<script>alert('x')</script>&\"$\\frac{a}\x1b[31m\udcff\u202e_"
 
 
 def correlation(one, other, lags):
+    """Correlation of two signals as they are, their means included, at shifts from -lags to lags."""
     size = np.sqrt(np.sum(one**2) * np.sum(other**2))
     middle = len(one) - 1
     return np.correlate(one, other, "full")[middle - lags : middle + lags + 1] / size
 
 
 def series_of(output, times, measured, simulated, before, voltage):
+    """Series of an output; `before` are the values of the initial model, or None."""
     error = measured - simulated
     spread = np.linalg.norm(measured - measured.mean())
 
@@ -68,6 +70,7 @@ def opening(times, voltage, resistance, inertia):
 
 
 def experiment_of(name, samples, seed, columns=COLUMNS, with_before=True):
+    """Experiment of 5 s of this many samples, with one noisy series for each column."""
     rng = np.random.default_rng(seed)
     times = np.linspace(0.0, 5.0, samples)
     voltage = np.where(times > 0.05, 12.0 + 0.3 * np.sin(7 * times), 0.0)

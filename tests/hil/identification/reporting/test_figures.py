@@ -35,7 +35,7 @@ def test_figures_of_traces_label_quantities_units_and_models(found, judged):
 
 
 def spoilt(experiment, values):
-    """An experiment whose models diverge halfway, each output to another value."""
+    """An experiment whose models diverge halfway, each output to its own one of `values`."""
     rows = []
     for each, value in zip(experiment.series, values, strict=False):
         bad = each.simulated.copy()

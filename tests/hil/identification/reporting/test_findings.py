@@ -12,6 +12,7 @@ FRAME = Frame(TIMES, np.ones(1000), np.zeros(1000, dtype=np.int64))
 
 
 def course(errors, output="left_current_a"):
+    """Series of 1 s at 1 kHz with these residuals."""
     simulated = 10.0 * np.sin(5.0 * TIMES)
     return series_of(output, FRAME, simulated + errors, simulated, None)
 
@@ -28,6 +29,7 @@ def test_warnings_shorten_long_names_from_files_and_nothing_else(judged):
 
 
 def noise(seed):
+    """White noise of standard deviation 0.1, for 1 s at 1 kHz."""
     return 0.1 * np.random.default_rng(seed).standard_normal(1000)
 
 

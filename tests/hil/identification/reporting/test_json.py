@@ -10,6 +10,7 @@ from liftgate_hil.report.files import check_target
 
 
 def strict(content):
+    """Return a content after its conversion to JSON and back, in which NaN and infinity are refused."""
     return json.loads(json.dumps(content, allow_nan=False))
 
 

@@ -99,7 +99,7 @@ def test_text_tables_fit_the_width_of_a_terminal(found, judged, hostile):
         assert all(line == line.rstrip() for line in text.splitlines())
 
 
-def test_a_parameter_is_reported_in_a_line(found):
+def test_each_parameter_is_reported_in_one_line(found):
     line = next(each for each in identification_text(found).splitlines() if "0.708" in each)
     assert line.split() == [
         "motor.resistance", "2.128", "0.022", "1.0", "0.708", "+201", "ohm", "yes",

@@ -42,6 +42,7 @@ def acting(tmp_path: Path) -> Acting:
 
 
 def command(stimuli: StimulusPlan, **keys: object) -> None:
+    """Hold the obstacle of these keys, as an operator's command does; without keys, remove it."""
     for name, value in held_obstacle(obstacle_in(keys, 1.2) if keys else None).items():
         stimuli.held[NAMES.index(name)] = value
 

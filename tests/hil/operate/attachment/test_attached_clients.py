@@ -51,6 +51,8 @@ class Nobody:
 
 
 class Heard(Listener):
+    """Listener that keeps the messages."""
+
     def __init__(self) -> None:
         self.said: list[str] = []
 
@@ -66,6 +68,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def server(folder: Path) -> Iterator[tuple[Server, Memory]]:
+    """A server of this process, open for clients, and the memory of its run."""
     memory = Memory(64, 64)
     found = Server(Heard(), os.getpid())
     operator = Operator(RIG, Nobody(), 1.0, lambda values: True)
@@ -103,6 +106,7 @@ def test_a_command_waits_for_a_stalled_run(server: tuple[Server, Memory], monkey
 
 
 def framed(text: bytes) -> bytes:
+    """Return a message as it is on the socket: its length, then its text."""
     return struct.pack("<I", len(text)) + text
 
 
@@ -338,7 +342,7 @@ def belonging_to_another(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> Non
 
 
 @pytest.mark.parametrize("is_foreign", [True, False])
-def test_a_socket_folder_of_another_user_is_reported_with_a_remedy_and_the_run_goes_on(
+def test_a_socket_folder_that_is_not_private_is_reported_with_a_remedy_and_the_run_goes_on(
     nowhere: Path, monkeypatch: pytest.MonkeyPatch, is_foreign: bool
 ) -> None:
     nowhere.mkdir(mode=0o700 if is_foreign else 0o755)
