@@ -259,7 +259,7 @@ def next_drive(
     ambient: float,
     step: float,
 ) -> DriveState:
-    """Return one drive's state at the end of a step with that current and that slip of its clutch.
+    """Return one drive's state at the end of a step, from its current, its speed and its clutch's slip [m].
 
     The position follows (4.3).
     """

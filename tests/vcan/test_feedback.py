@@ -11,13 +11,11 @@ from hil_support import (
     BENCH_STATUS,
     GATE,
     LEFT_DRIVE,
-    LEFT_EDGES,
-    LEFT_HALL,
+    OF_DRIVES,
     OPEN,
     RIGHT_DRIVE,
-    RIGHT_EDGES,
-    RIGHT_HALL,
     SENSORS,
+    SLOWER,
     SWITCHES,
     both,
     command_frame,
@@ -26,10 +24,7 @@ from vcan_support import Bus, emulator, ended, run, running, summary_of, texts_o
 
 from liftgate_hil.config.rig import Rig
 
-CYCLES_MS = {
-    LEFT_DRIVE: 5, RIGHT_DRIVE: 5, LEFT_HALL: 5, RIGHT_HALL: 5, LEFT_EDGES: 5, RIGHT_EDGES: 5,
-    GATE: 10, SWITCHES: 10, SENSORS: 100, BENCH_STATUS: 100,
-}  # fmt: skip
+CYCLES_MS = {**dict.fromkeys(OF_DRIVES, 5), GATE: 10, SWITCHES: 10, SENSORS: 100, BENCH_STATUS: 100}
 TIMING = (0x6E2, 0x6E3)  # BenchTiming and BenchDelay, sent once there are figures
 RUNNING, STOPPED = 1, 3
 
@@ -83,9 +78,10 @@ def test_a_stop_signal_turns_the_motors_off(tmp_path: Path, bus: Bus, rig: Rig, 
     assert out.startswith("ticks ")
     assert bus.last(rig, "BenchStatus")["EmulatorState"] == STOPPED
     assert [frame.identifier for frame in bus.frames() if frame.identifier != 0x120][-12:] == [
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
-        GATE, SWITCHES, SENSORS, BENCH_STATUS, *TIMING,
-    ]  # fmt: skip
+        *OF_DRIVES,
+        *SLOWER,
+        *TIMING,
+    ]
     rows = [line.split(",") for line in record.read_text().splitlines()]
     last = dict(zip(rows[0], rows[-1], strict=True))
     assert (last["left_coast"], last["right_coast"]) == ("1", "1")

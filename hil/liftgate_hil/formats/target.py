@@ -137,7 +137,7 @@ def open_target(path: Path, patience: float | None = None) -> BinaryIO:
 
 
 def open_salvage(path: Path) -> BinaryIO:
-    """Create the text file that keeps a recording's content if the program is killed; see `rotation`.
+    """Create the text file beside a recording whose format a kill would corrupt; see `rotation`.
 
     It is locked against other recorders. Raises ConfigError, also if the file exists: it is not overwritten.
     """

@@ -86,7 +86,7 @@ def problem_of(
 
 
 def _check_beginnings(data: Sequence[Data], angles: Sequence[float | None], given: str) -> None:
-    """Raise ConfigError where data do not begin at rest at their stated angle [deg] (None: not stated)."""
+    """Raise ConfigError where data do not begin at rest, or at their stated angle [deg] (None: not checked)."""
     issues = []
     for each, angle in zip(data, angles, strict=True):
         if angle is None:

@@ -348,7 +348,7 @@ def _over_all(
 
 
 def _mean(rows: Sequence[Series]) -> float:
-    """Return the mean error over the samples of all experiments."""
+    """Return the mean error, measured minus simulated, over the samples of all experiments."""
     samples = sum(len(each.times) for each in rows)
     return sum(len(each.times) * each.mean for each in rows) / samples if samples else math.nan
 

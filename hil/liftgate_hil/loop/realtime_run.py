@@ -82,7 +82,7 @@ class _Turns:
 
 @dataclass
 class RealtimeRun:
-    """A real-time run about to begin: call `begin`, then `run`."""
+    """Real-time run about to begin: `begin` compiles the loop, `run` runs it."""
 
     config: LoopConfig
     state: LoopState

@@ -55,7 +55,7 @@ class Observers:
             self.operator.end_series()
 
     def note(self, summary: Summary) -> None:
-        """Enter the commands and injections in the run's summary."""
+        """Enter clients' commands and recordings, and the test bench's injections, in the run's summary."""
         if self.operator is not None:
             further = self.operator.recording
             summary.recordings = [*summary.recordings, *([] if further is None else further.files)]

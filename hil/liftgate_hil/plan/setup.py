@@ -36,7 +36,7 @@ def vehicle_from(
 
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:
-    """Return the variant of a vehicle file that the arguments select. Raises ConfigError."""
+    """Return a variant of a vehicle: one car of its spread, or an ideal one. Raises ConfigError."""
     return Variant(None if draw is None else seed_of(draw, "draw"), bool(ideal))
 
 

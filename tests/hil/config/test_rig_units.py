@@ -120,7 +120,7 @@ def test_unit_and_scale_of_the_rig_override_the_databases(tmp_path: Path, unit: 
         ("values = { open = 1 }, scale = 2", "outputs.left_current.scale", "without values"),
     ],
 )
-def test_contradictory_keys_of_a_mapping_are_refused(tmp_path: Path, keys: str, key: str, said: str):
+def test_invalid_or_contradictory_keys_of_a_mapping_are_refused(tmp_path: Path, keys: str, key: str, said: str):
     text = rig(f'left_current = {{ signal = "Out.X", {keys} }}')
     issues = faults(tmp_path, text, database("A"))
     assert any(issue.startswith(f"{key}: ") and said in issue for issue in issues), issues

@@ -10,19 +10,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hil_support import (
-    BENCH_CONTROL,
-    GATE,
-    LEFT_DRIVE,
-    LEFT_EDGES,
-    LEFT_HALL,
-    RIGHT_DRIVE,
-    RIGHT_EDGES,
-    RIGHT_HALL,
-    SWITCHES,
-    panel_frame,
-    shipped_rig,
-)
+from hil_support import BENCH_CONTROL, GATE, OF_DRIVES, SWITCHES, panel_frame, shipped_rig
 
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
@@ -47,10 +35,7 @@ def test_a_command_is_sent_every_cycle_with_counter_and_checksum() -> None:
 def test_step_returns_the_frames_sent_during_the_step() -> None:
     with lh.Gate() as gate:
         frames = gate.step(0.010)
-        assert [frame.arbitration_id for frame in frames] == [
-            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
-            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES, GATE, SWITCHES,
-        ]  # fmt: skip
+        assert [frame.arbitration_id for frame in frames] == [*OF_DRIVES, *OF_DRIVES, GATE, SWITCHES]
         assert [frame.timestamp for frame in frames] == [0.005] * 6 + [0.010] * 8
         assert gate.step(0.001) == []
         decoded = shipped_rig().messages["Gate"].decode(frames[-2].data, decode_choices=False)

@@ -87,7 +87,7 @@ def test_a_gate_that_does_not_move_is_noted_with_its_commands(
     )
 
 
-def test_commands_to_coast_are_noted_as_such(tmp_path: Path) -> None:
+def test_the_note_on_a_gate_that_does_not_move_names_commands_to_coast(tmp_path: Path) -> None:
     """The duties of a coasting drive are 0 whatever the ECU sends."""
     (note,) = notes_of(tmp_path, OPENS, commanding(70.0, 0))
     assert "the commands were left coasts, right coasts, and" in note

@@ -9,25 +9,7 @@ from typing import Any
 
 import can
 import pytest
-from hil_support import (
-    BENCH_STATUS,
-    COMMAND,
-    GATE,
-    LEFT_DRIVE,
-    LEFT_EDGES,
-    LEFT_HALL,
-    OPEN,
-    RIGHT_DRIVE,
-    RIGHT_EDGES,
-    RIGHT_HALL,
-    SENSORS,
-    SWITCHES,
-    both,
-    command_payload,
-    decoded,
-    frames_of,
-    loop_config,
-)
+from hil_support import COMMAND, OF_DRIVES, OPEN, SLOWER, both, command_payload, decoded, frames_of, loop_config
 from run_support import Keeper, ScriptedEcu, episode_of, message, releasing, reversing, run_kept
 
 import liftgate_hil as lh
@@ -247,9 +229,6 @@ def test_the_last_tick_has_the_motors_off_and_sends_everything(rig: Rig) -> None
     last = keeper.rows[-1]
     assert last[place["left_coast"]] == last[place["right_coast"]] == 1.0
     frames = [row for row in keeper.wires(is_sent=True) if row[0] == 604.0]
-    assert sorted(identifier for _, identifier, _ in frames) == [
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
-        GATE, SWITCHES, SENSORS, BENCH_STATUS,
-    ]  # fmt: skip
+    assert sorted(identifier for _, identifier, _ in frames) == [*OF_DRIVES, *SLOWER]
     status = decoded(rig, frames_of([(number, data) for _, number, data in frames]), "BenchStatus")
     assert status[0]["EmulatorState"] == STOPPED

@@ -14,12 +14,9 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
-    LEFT_EDGES,
-    LEFT_HALL,
+    OF_DRIVES,
     OPEN,
     RIGHT_DRIVE,
-    RIGHT_EDGES,
-    RIGHT_HALL,
     SENSORS,
     SWITCHES,
     both,
@@ -178,9 +175,7 @@ def test_frames_of_every_kind_are_sent_and_received(rig: Rig, log: tuple[Path, .
     ]
     assert not any(number & ERROR for _, number, _ in keeper.wires(is_sent=True))
     heard = [each for _, frames in ecu.heard for each in frames]
-    assert {each.arbitration_id for each in heard} == {
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES, GATE, SWITCHES,
-    }  # fmt: skip
+    assert {each.arbitration_id for each in heard} == {*OF_DRIVES, GATE, SWITCHES}
     assert not any(each.is_fd or each.is_remote_frame or each.is_extended_id for each in heard)
 
 

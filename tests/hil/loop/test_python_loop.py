@@ -15,19 +15,12 @@ import numpy as np
 import pytest
 from hil_support import (
     BENCH_CONTROL,
-    BENCH_STATUS,
     BRAKE,
     COMMAND,
-    GATE,
     LEFT_DRIVE,
-    LEFT_EDGES,
-    LEFT_HALL,
+    OF_DRIVES,
     OPEN,
-    RIGHT_DRIVE,
-    RIGHT_EDGES,
-    RIGHT_HALL,
-    SENSORS,
-    SWITCHES,
+    SLOWER,
     both,
     catch_up,
     command_frame,
@@ -116,10 +109,7 @@ def test_the_end_of_a_run_sends_every_message_with_motors_off_and_silences_the_p
     run_free(loop, 10, never)
     loop.finish()
     assert polled == [0, *(1_000_000 * (1 + number) for number in range(10))]
-    assert sorted(row[0] for row in notes.sent[-1]) == [
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
-        GATE, SWITCHES, SENSORS, BENCH_STATUS,
-    ]  # fmt: skip
+    assert sorted(row[0] for row in notes.sent[-1]) == [*OF_DRIVES, *SLOWER]
     status = decoded(rig, frames_of(transport.sent), "BenchStatus")
     assert status[-1]["EmulatorState"] == STOPPED
     assert len(notes.times) == 11

@@ -380,7 +380,7 @@ def test_a_fault_that_does_not_fit_the_bus_is_reported(arguments: dict[str, Any]
          "fault[0].kind: bus_off: there is no bus"),
     ],
 )  # fmt: skip
-def test_a_message_that_the_bus_lacks_is_reported_before_the_run(
+def test_a_bus_fault_whose_message_or_bus_is_missing_is_reported_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str, arguments: tuple[str, ...], said: str
 ) -> None:
     expect = '[[expect]]\nname = "still"\nalways = "gate_angle_deg < 1"\n'

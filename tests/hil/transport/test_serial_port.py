@@ -52,7 +52,7 @@ def test_a_serial_line_is_specified_by_port_and_baud_rate(text: str, expected: t
      "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
      "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
 )  # fmt: skip
-def test_an_invalid_serial_line_is_reported_on_one_line(text: str):
+def test_an_invalid_value_of_the_option_serial_is_reported_as_one_issue(text: str):
     (issue,) = issues_of(parse_serial, text)
     assert "`serial`" in issue
     assert "allowed" in issue

@@ -41,7 +41,7 @@ class Cells:
     """Partition of standard normal space into `count` cells, which have `probabilities` (count,)."""
 
     def __init__(self, pockets: Floats, connected: Iterable[tuple[int, int]], most: int, seed: int) -> None:
-        """Make up to `most` cells, one per pocket (k, d), none at the origin; connected or near ones share one."""
+        """Divide the space into up to `most` cells, one per pocket (k, d); connected or near pockets share one."""
         count, dimension = pockets.shape
         self.dimension = dimension
         self._directions = pockets / np.linalg.norm(pockets, axis=1)[:, None]
