@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bits import BitPlace, write_number
+from liftgate_hil.codec.bits import UNSIGNED, BitPlace, write_number
 from liftgate_hil.codec.frames import EXTENDED, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
-from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, format_of, timeout_of
+from liftgate_hil.codec.sending import LONGEST_MS, cycle_of, format_of, padded_length, timeout_of
 from liftgate_hil.codec.tables import MESSAGE, SIGNAL, BusConfig, TableRows, add_row, row_of
 from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import PANEL
@@ -81,10 +81,10 @@ def physical_range(signal: Signal) -> tuple[float, float]:
     factor, offset = _conversion(signal)
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
-    # A DBC writes [0|0] for no range.
-    if signal.minimum is not None and signal.maximum is not None and signal.minimum < signal.maximum:
-        low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
-    return low, high
+    least, most = signal.minimum, signal.maximum
+    if least is not None and most is not None and least >= most:  # a DBC writes [0|0] for no range
+        return low, high
+    return low if least is None else max(low, float(least)), high if most is None else min(high, float(most))
 
 
 def counted_range(signal: Signal) -> tuple[int, int]:
@@ -132,6 +132,8 @@ def build_bus_config(
                 continue
             pairs = _enumeration(wire, signal, quantity)
             row = _signal_row(wire, signal, quantity)
+            if sending and quantity is ANY:  # its values are checked, and a label may be beyond the range
+                row["raw_low"], row["raw_high"] = raw_range(signal)
             row["quantity"] = places[wire.quantity]
             row["place"] = add_row(tables.places, place_of(signal))
             chains = multiplexer_values(message, wire.signal)
@@ -187,6 +189,13 @@ def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> boo
     name = f"{wire.message}.{wire.signal}"
     if signal.is_float and signal.length not in (32, 64):
         issues.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
+        return False
+    if signal.length > 64:
+        issues.add(wire.quantity, f"{name}: {signal.length} bits; allowed: up to 64")
+        return False
+    low, high = physical_range(signal)
+    if low > high:
+        issues.add(wire.quantity, f"{name}: its range in the database is beyond what its bits can hold")
         return False
     if float(signal.scale) == 0.0:
         issues.add(wire.quantity, f"{name}: factor 0 in the database; allowed: anything else")
@@ -249,13 +258,15 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
 
 def _enumeration(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> list[tuple[float, float]]:
     """Return pairs (quantity's value, physical value) for each name in the mapping's `values`."""
-    labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
     pairs = []
     for name, value in (wire.values or {}).items():
-        if name in quantity.values and (not isinstance(value, str) or value in labels):
-            physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
-            pairs.append((float(quantity.values.index(name)), physical))
+        if name not in quantity.values:
+            continue
+        # Several raw values may have one label: all are received, and of the pairs the last one is sent.
+        raws = [float(raw) for raw, label in (signal.choices or {}).items() if str(label) == value]
+        physical = [factor * raw + offset for raw in reversed(raws)] if isinstance(value, str) else [float(value)]
+        pairs += [(float(quantity.values.index(name)), each) for each in physical]
     return pairs
 
 
@@ -276,6 +287,7 @@ def _message_row(
         "identifier": identifier_of(message),
         "format": format_of(message, options),
         "length": message.length,
+        "padded": padded_length(message),
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(min(timeout_of(message, options), options.timeout_cycles * cycle_ms) * 1e6),
         **protection_row(message, options, tables, issues),
@@ -290,7 +302,10 @@ def start_payload(message: Message, page: Mapping[str, int]) -> NDArray[np.uint8
     data = np.zeros((1, MAX_BYTES), dtype=np.uint8)
     for signal in message.signals:
         if signal.raw_initial is not None and is_on(page, multiplexer_values(message, signal.name)):
-            write_number(data, 0, place_of(signal), raw_start(signal))
+            place, raw = place_of(signal), raw_start(signal)
+            if signal.is_float and signal.length == 16:
+                place, raw = place._replace(kind=UNSIGNED), float(np.float16(raw).view(np.uint16))
+            write_number(data, 0, place, raw)
     for name, value in page.items():
         write_number(data, 0, place_of(message.get_signal_by_name(name)), float(value))
     payload: NDArray[np.uint8] = data[0]

@@ -216,6 +216,12 @@ def check(
 
 
 @compilable
+def is_whole(table: Any, length: int) -> bool:
+    """Whether a frame has the length [bytes] of its message, `table`, with or without CAN FD's padding."""
+    return bool(length in (table.length, table.padded))
+
+
+@compilable
 def judge(
     bus: BusConfig, current: Reception, frames: Frames, frame: int, now_ns: int, read: NDArray[np.float64]
 ) -> tuple[int, int, int]:
@@ -236,7 +242,7 @@ def judge(
         return REMOTE_FRAME, message, 0
     table = bus.messages[message]
     length = frames.lengths[frame]
-    if length != table.length:
+    if not is_whole(table, length):
         current.unread[message] += 1
         note_evidence(current.refusals, WRONG_LENGTH, -1, float(length), float(table.length))
         return WRONG_LENGTH, message, 0

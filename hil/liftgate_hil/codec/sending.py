@@ -6,7 +6,7 @@ import enum
 import re
 from typing import TYPE_CHECKING, Any
 
-from liftgate_hil.codec.frames import BRS, FD
+from liftgate_hil.codec.frames import BRS, FD, LENGTHS
 from liftgate_hil.codec.protection import MessageOptions
 
 if TYPE_CHECKING:
@@ -84,6 +84,11 @@ def timeout_of(message: Message, options: MessageOptions) -> float:
 def needs_fd(message: Message) -> bool:
     """Whether a message is sent in CAN FD frames: it has over 8 bytes, or the database says so."""
     return bool(message.is_fd) or message.length > 8
+
+
+def padded_length(message: Message) -> int:
+    """Return the length [bytes] of a message's frames: its own, or the next one that CAN FD has (ISO 11898-1)."""
+    return next((each for each in LENGTHS if each >= message.length), message.length)
 
 
 def format_of(message: Message, options: MessageOptions) -> int:

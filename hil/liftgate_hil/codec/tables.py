@@ -54,6 +54,7 @@ MESSAGE = np.dtype(
         ("identifier", "i8"),  # with the EXTENDED flag
         ("format", "i8"),  # FD, and BRS where the bit rate switches; 0: classic CAN
         ("length", "i8"),  # bytes
+        ("padded", "i8"),  # bytes of its frames: CAN FD has not every length
         ("pages", "i8"),  # sent in turn, one per set of multiplexer values
         ("start", "i8"),  # row in `start` of the first page
         ("first", "i8"),  # rows in `signals`

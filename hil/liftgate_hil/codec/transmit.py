@@ -41,8 +41,8 @@ def encode(
     table = bus.messages[message]
     page = before % table.pages
     frames.identifiers[row] = table.identifier | table.format
-    frames.lengths[row] = table.length
-    for i in range(table.length):
+    frames.lengths[row] = table.padded
+    for i in range(table.padded):
         frames.data[row, i] = bus.start[table.start + page, i]
     for index in range(table.first, table.first + table.count):
         signal = bus.signals[index]

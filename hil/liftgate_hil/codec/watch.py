@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from liftgate_compiler import compilable
 from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE
-from liftgate_hil.codec.receive import find_message, physical_of, selected
+from liftgate_hil.codec.receive import find_message, is_whole, physical_of, selected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.errors import ConfigIssues
 
@@ -53,7 +53,7 @@ def watch(
     message = -1
     if identifier & (ERROR | REMOTE) == 0:
         message = find_message(bus, identifier & ~FD_FLAGS)
-    if message >= 0 and length == bus.messages[message].length:
+    if message >= 0 and is_whole(bus.messages[message], length):
         first = bus.messages[message].first
         for row in range(first, first + bus.messages[message].count):
             if selected(bus, row, data, frame):

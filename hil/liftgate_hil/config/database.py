@@ -68,7 +68,9 @@ def load_messages(issues: ConfigIssues, file: DatabaseFile) -> Messages:
         issues.add("dbc", str(error))
         return Messages()
     try:
-        written = "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n"
+        # A comment in another code page than cp1252 has bytes that it lacks, which no name has.
+        lacking = "strict" if b"\0" in raw else "replace"
+        written = "\n".join(raw.decode(_encoding(raw, kind), lacking).splitlines()) + "\n"
         buses = content_of(written, kind)
     except UnicodeDecodeError as error:
         why = f"cannot be read: no text in {error.encoding} from byte {error.start} on"

@@ -139,8 +139,8 @@ def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: 
         return "the gate or the ECU sends it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:
         return f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
-    if (signal.is_float and signal.length not in (32, 64)) or float(signal.scale) == 0.0:
-        return "cannot carry a number; allowed: a factor other than 0, floats of 32 or 64 bits"
+    if (signal.is_float and signal.length not in (32, 64)) or signal.length > 64 or float(signal.scale) == 0.0:
+        return "cannot carry a number; allowed: a factor other than 0, up to 64 bits, floats of 32 or 64"
     if not 0.0 < cycle_of(message, options) <= LONGEST_MS:
         return (
             f"has no cycle of up to {LONGEST_MS:g} ms; allowed: a cyclic message with GenMsgCycleTime in the "

@@ -173,7 +173,7 @@ def _own_labels(
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
         factor, offset = float(theirs.scale), float(theirs.offset)
         wanted = {each: labels[each] for each in ours.values}
-        is_same = all(
+        is_same = len(numbers) == len(theirs.choices or {}) and all(
             factor * numbers[label] + offset == ours.values.index(each) for each, label in wanted.items()
         )
         return None if is_same else wanted

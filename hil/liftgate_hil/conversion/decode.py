@@ -43,6 +43,11 @@ class Bits:
     def raw(self, bits: NDArray[np.uint8]) -> NDArray[Any]:
         """Return the signal's raw number in the bits (n, 512) of frames."""
         count = len(self.places)
+        if count > 64:  # rounded: the table's columns are floats
+            powers = np.exp2(np.arange(count - 1.0, -1.0, -1.0))
+            powers[0] *= -1.0 if self.signed else 1.0
+            whole: NDArray[Any] = bits[:, self.places] @ powers
+            return whole
         weights = np.uint64(1) << np.arange(count - 1, -1, -1, dtype=np.uint64)
         raw: NDArray[Any] = bits[:, self.places].astype(np.uint64) @ weights
         if self.is_float:
@@ -126,6 +131,7 @@ class Decoder:
         self._last_ns = int(times[-1])
         stamps, row_of = np.unique(times, return_inverse=True)
         table = np.full((len(stamps), len(self.signals)), np.nan)
+        is_there = np.zeros(table.shape, dtype=bool)
         place = {name: k for k, name in enumerate(self.signals)}
         for number, message in self._messages.items():
             those = np.flatnonzero((frames["identifier"] & ~FD_FLAGS) == number)
@@ -136,8 +142,9 @@ class Decoder:
                 there = self._is_there(message, signal, frames["length"][those], bits)
                 values = self._bits[message.name, signal.name].values(bits[there])
                 # Of several frames in one row the last one counts.
-                table[row_of[those[there]], place[f"{message.name}.{signal.name}"]] = values
-        self._fill(table)
+                where = row_of[those[there]], place[f"{message.name}.{signal.name}"]
+                table[where], is_there[where] = values, True
+        self._fill(table, is_there)
         table[:, 0] = stamps / 1e9
         return table
 
@@ -157,10 +164,10 @@ class Decoder:
             there &= self._is_there(message, selector, lengths, bits)
         return there
 
-    def _fill(self, table: Floats) -> None:
-        """Replace NaN in each signal's column by its last value, also from the blocks before."""
+    def _fill(self, table: Floats, is_there: NDArray[np.bool_]) -> None:
+        """Replace what is not there in each signal's column by its last value, also from the blocks before."""
         rows = np.arange(len(table))[:, np.newaxis]
-        since = np.maximum.accumulate(np.where(np.isnan(table), -1, rows), axis=0)
+        since = np.maximum.accumulate(np.where(is_there, rows, -1), axis=0)
         held = np.take_along_axis(table, np.maximum(since, 0), axis=0)
         table[:] = np.where(since >= 0, held, self._held)
         self._held = table[-1].copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -98,14 +98,14 @@ class CompareRequest(Record, kw_only=False):
 
     first: Annotated[str | Path, Field(File(), "a recording", metavar="FILE")]
     second: Annotated[str | Path, Field(File(), "the recording to compare it with", metavar="OTHER_FILE")]
-    columns: Annotated[tuple[str, ...], Field(Names(), "only these columns (repeatable)", "all, and the frames",
+    columns: Annotated[Sequence[str], Field(Names(), "only these columns (repeatable)", "all, and the frames",
         "A,B,…")] = ()
     from_s: From = None
     to_s: To = None
     rig: Rig = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
-    tolerance: Annotated[float | Mapping[str, float] | tuple[str, ...], Field(Tolerances(), "largest difference "
+    tolerance: Annotated[float | Mapping[str, float] | Sequence[str], Field(Tolerances(), "largest difference "
         "that counts as equal, in the unit of the column, for all columns or for one (repeatable)", "0",
         "[NAME=]X")] = ()
     time_tolerance: Annotated[float | None, Field(Number(0.0, _LONGEST_S, "s"), "how much earlier or later a "
@@ -129,7 +129,7 @@ class PlotRequest(VehicleSettings, kw_only=False):
         metavar="FILE")] = None
     figure: Annotated[str, Field(Choice(tuple(FIGURES)), "; ".join(
         f"{name}: {each.meaning}" for name, each in FIGURES.items()))] = COLUMNS
-    columns: Annotated[tuple[str, ...], Field(Names(), "only these columns (repeatable)", "angle, currents, "
+    columns: Annotated[Sequence[str], Field(Names(), "only these columns (repeatable)", "angle, currents, "
         "speeds, pinch force and voltage as far as they change, or the first few", "A,B,…")] = ()
     from_s: From = None
     to_s: To = None

@@ -257,7 +257,7 @@ def _wanted(request: SoughtChoice) -> tuple[Vehicle, str, list[Sought], tuple[st
     preset = PRESETS[request.preset] if request.preset else NO_PRESET
     vehicle = _vehicle_of(request)
     sought = sought_of(request, vehicle, request.estimate or preset.estimate)
-    return vehicle, request.model or preset.model, sought, request.outputs or preset.outputs
+    return vehicle, request.model or preset.model, sought, tuple(request.outputs) or preset.outputs
 
 
 def _noise(request: IdentifyRequest, columns: Sequence[str]) -> NDArray[np.float64] | None:

@@ -135,7 +135,7 @@ class ModelChoice(VehicleChoice):
 
     model: Annotated[str | None, Field(Choice(MODEL_NAMES), "full: the whole plant; third-order: the thesis's "
         "model (4.1-4.13); second-order: that without inductance", "full")] = None
-    outputs: Annotated[tuple[str, ...], Field(Names(), f"outputs to compare: {', '.join(OUTPUT_KINDS)} "
+    outputs: Annotated[Sequence[str], Field(Names(), f"outputs to compare: {', '.join(OUTPUT_KINDS)} "
         "(repeatable)", "all that were measured", "LIST")] = ()
 
 
@@ -180,14 +180,14 @@ class MeasuredRequest(MeasuredFiles, MapRequest, ModelChoice):
 class SoughtChoice(ModelChoice):
     """Base class of the requests that choose parameters to be estimated."""
 
-    estimate: Annotated[tuple[str, ...], Field(Names(), "parameters to estimate: keys of the vehicle file, e.g. "
+    estimate: Annotated[Sequence[str], Field(Names(), "parameters to estimate: keys of the vehicle file, e.g. "
         "motor.resistance,gear.backlash (repeatable)", metavar="LIST")] = ()
     preset: Annotated[str | None, Field(Choice(tuple(PRESETS)), "parameters, model and outputs of the thesis "
         "(4.6.1 to 4.6.3)")] = None
-    bounds: Annotated[tuple[str, ...] | Mapping[str, tuple[float, float]], Field(ByName("KEY=LOW:HIGH, e.g. "
+    bounds: Annotated[Sequence[str] | Mapping[str, Sequence[float]], Field(ByName("KEY=LOW:HIGH, e.g. "
         "motor.resistance=0.1:5"), "search a parameter only in this range "
         "(repeatable)", metavar="KEY=LOW:HIGH")] = ()
-    prior: Annotated[tuple[str, ...] | Mapping[str, tuple[float, float]], Field(ByName("KEY=MEAN:STD, e.g. "
+    prior: Annotated[Sequence[str] | Mapping[str, Sequence[float]], Field(ByName("KEY=MEAN:STD, e.g. "
         "motor.resistance=0.7:0.1"), "prior mean and standard deviation of a parameter (repeatable)",
         metavar="KEY=MEAN:STD")] = ()
 
@@ -195,10 +195,10 @@ class SoughtChoice(ModelChoice):
 class IdentifyRequest(SoughtChoice, MeasuredRequest):
     """Request to identify parameters of a vehicle from measurements."""
 
-    noise: Annotated[tuple[str, ...] | Mapping[str, float], Field(ByName("OUTPUT=STD"), "standard deviation of "
+    noise: Annotated[Sequence[str] | Mapping[str, float], Field(ByName("OUTPUT=STD"), "standard deviation of "
         "the noise of current, speed, position or angle, in the column's unit (repeatable)", "estimated",
         "OUTPUT=STD")] = ()
-    profile: Annotated[tuple[str, ...], Field(Names(), "show the profile likelihood of these keys (repeatable)",
+    profile: Annotated[Sequence[str], Field(Names(), "show the profile likelihood of these keys (repeatable)",
         metavar="LIST")] = ()
     save_vehicle: Annotated[str | Path | None, Field(File(), "write the vehicle file with the estimates",
         metavar="FILE.toml")] = None

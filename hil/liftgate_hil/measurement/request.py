@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record
@@ -12,7 +13,7 @@ from liftgate_hil.config.kinds import Texts
 class MapRequest(Record):
     """Base class of the requests with `maps`, which assigns a file's columns to known ones."""
 
-    maps: Annotated[tuple[str, ...], Field(Texts("a list of OURS=THEIRS[unit], or a file"), "read a column that "
-        "has another name or unit, e.g. 'left_voltage_v=U[mV]*0.5', or a FILE.toml with a table [columns] "
-        "(repeatable)",
+    maps: Annotated[Sequence[str], Field(Texts("a list of OURS=THEIRS[unit], or a file"), "read a "
+        "column that has another name or unit, e.g. 'left_voltage_v=U[mV]*0.5', or a FILE.toml with a table "
+        "[columns] (repeatable)",
         metavar="OURS=THEIRS[unit]", flag="map")] = ()

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from liftgate_hil.codec.frames import FD_FLAGS
+from liftgate_hil.codec.sending import padded_length
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE
 from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
 from liftgate_hil.config.kinds import Level, Number
@@ -182,10 +183,11 @@ def decoded(rig: Rig, name: str, payload: bytes) -> dict[str, Decoded]:
     import cantools
 
     message = rig.messages[name]
-    if len(payload) != message.length:
+    if len(payload) not in (message.length, padded_length(message)):
         raise ConfigError(f"{len(payload)} bytes; allowed: {message.length}")
     try:
-        numbers = cast("dict[str, float]", message.decode(payload, decode_choices=False))
+        own = payload[: message.length]
+        numbers = cast("dict[str, float]", message.decode(own, decode_choices=False))
         return {key: _value_of(message, key, float(value)) for key, value in numbers.items()}
     except (cantools.database.DecodeError, ValueError, OverflowError) as error:
         raise ConfigError(f"{error}; allowed: what the database defines for {name}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,9 +50,9 @@ class ReplayRequest(ReplayedFile, WireChoice):
     direction: Annotated[str | None, Field(Choice(DIRECTIONS), "which frames to play: sent or received by the "
         "gate",
         "sent, both if none is marked as sent")] = None
-    only: Annotated[tuple[str, ...], Field(Identifiers(), f"only these frames: "
+    only: Annotated[Sequence[str], Field(Identifiers(), f"only these frames: "
         f"{_IDENTIFIERS}", metavar="ID,…")] = ()
-    without: Annotated[tuple[str, ...], Field(Identifiers(), f"all but these frames: "
+    without: Annotated[Sequence[str], Field(Identifiers(), f"all but these frames: "
         f"{_IDENTIFIERS}", metavar="ID,…",
         flag="except")] = ()
     from_s: Annotated[float | None, Field(_TIME, "begin at this time of the recording", "with its first "

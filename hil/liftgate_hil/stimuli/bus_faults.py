@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from liftgate_compiler import compilable, outlined
 from liftgate_hil.codec.checksum import checksum_in, write_checksum
 from liftgate_hil.codec.frames import FD_FLAGS, LENGTHS, MAX_BYTES, Frames
+from liftgate_hil.codec.receive import is_whole
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli import bus_fault_tables as kinds
 from liftgate_hil.stimuli.bus_fault_tables import MOST, NO_KIND, RECEIVED, SENT, BusFaults
@@ -306,7 +307,7 @@ def change(fault: Any, held: Any, bus: BusConfig, message: int, room: Frames, pl
         room.lengths[place] = held.length
         for k in range(held.length):
             data[place, k] = held.payload[k]
-    elif length != table.length:  # such a frame has neither counter nor checksum
+    elif not is_whole(table, length):  # such a frame has neither counter nor checksum
         return
     elif fault.kind == kinds.CHECKSUM:
         if table.checksum >= 0:

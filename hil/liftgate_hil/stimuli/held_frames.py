@@ -11,7 +11,7 @@ from liftgate_compiler import compilable
 from liftgate_hil.codec.bits import insert_long, place_at
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import ERROR, FD_FLAGS, REMOTE, Frames
-from liftgate_hil.codec.receive import counter_of, find_message
+from liftgate_hil.codec.receive import counter_of, find_message, is_whole
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.stimuli import bus_fault_tables as kinds
 from liftgate_hil.stimuli.bus_fault_tables import EVERY, BusFaults
@@ -37,7 +37,7 @@ def keep(held: Any, bus: BusConfig, message: int, frames: Frames, place: int) ->
     table = bus.messages[message]
     held.is_held, held.length = 1, frames.lengths[place]
     held.identifier, held.counter = table.identifier, -1
-    if table.counter >= 0 and held.length == table.length:
+    if table.counter >= 0 and is_whole(table, held.length):
         held.counter = counter_of(bus, message, frames.data, place)
     for k in range(frames.lengths[place]):
         held.payload[k] = frames.data[place, k]
@@ -52,8 +52,8 @@ def holds(held: Any, table: Any) -> bool:
 @compilable
 def keep_before(fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
     """Store a frame in `held` for a fault that will repeat it once it is in force (frozen message or counter)."""
-    is_whole = frames.lengths[place] == bus.messages[message].length
-    if fault.kind == kinds.FROZEN or (fault.kind == kinds.COUNTER and is_whole):
+    has_counter = is_whole(bus.messages[message], frames.lengths[place])
+    if fault.kind == kinds.FROZEN or (fault.kind == kinds.COUNTER and has_counter):
         keep(held, bus, message, frames, place)
 
 

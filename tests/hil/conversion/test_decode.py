@@ -177,3 +177,20 @@ def test_a_rig_may_be_named_in_place_of_a_database(tmp_path: Path) -> None:
     assert "LeftDrive.MotorCurrent" in found.signals
     assert found.signals["LeftDrive.MotorCurrent"].unit == "A"
     assert {name.partition(".")[0] for name in found.signals} < {"time_s", *shipped_rig().messages}
+
+
+def test_a_float_that_is_not_a_number_in_a_frame_stays_none() -> None:
+    database = database_of('SG_ S : 0|32@1- (1,0) [0|0] "" A', length=8)
+    database.messages[0].signals[0].is_float = True
+    sent = [np.float32(value).tobytes() + bytes(4) for value in (1.5, math.nan, 7.5)]
+    found = table_of(database, frames_at([1, 2, 3], [(100, each) for each in sent]))["M.S"]
+    assert np.array_equal(found, [1.5, math.nan, 7.5], equal_nan=True)
+
+
+@pytest.mark.parametrize("sign", "+-")
+def test_a_signal_of_more_than_64_bits_has_the_value_that_cantools_decodes(sign: str) -> None:
+    database = database_of(f'SG_ S : 0|136@1{sign} (1,0) [0|0] "" A', length=32)
+    data = bytes(range(200, 217)) + bytes(15)
+    wanted = database.decode_message("M", data)["S"]
+    found = table_of(database, frames_at([1], [(100 | FD, data)]))["M.S"]
+    assert found[0] == pytest.approx(float(wanted), rel=1e-12)
