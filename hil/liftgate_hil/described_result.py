@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType, UnionType
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints, is_typeddict
 
 
 class Shown(NamedTuple):
@@ -39,6 +39,14 @@ class Shown(NamedTuple):
 
 class DescribedResult:
     """Base class of results: fields and properties marked as `Shown` are public, in JSON and the reference."""
+
+    _asks: ClassVar[str] = ""  # what a caller compares where the result has no truth value
+
+    def __bool__(self) -> bool:
+        """Raise TypeError where a result that tells of a failure would count as true, too."""
+        if self._asks:
+            raise TypeError(f"a {type(self).__name__} is neither true nor false; allowed: {self._asks}")
+        return True
 
     def to_dict(self) -> dict[str, Any]:
         """Return the public fields as plain values by key; a number that is not finite is None."""

@@ -27,6 +27,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, metavar="N")
     parser.add_argument("--point", type=int, metavar="N", help="the same of one of the bridges")
     args = parser.parse_args()
+    Path(args.output).mkdir(parents=True, exist_ok=True)
     if args.case is not None:
         print(errors_of(args.case))
         return 0

@@ -24,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--drawn-again", type=Path, metavar="FILE", help="figures of an earlier study")
     parser.add_argument("--output", type=Path, default=Path("docs"))
     args = parser.parse_args(arguments)
+    args.output.mkdir(parents=True, exist_ok=True)
     if args.drawn_again:
         found = figures.read(args.drawn_again)
     else:

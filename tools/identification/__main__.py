@@ -43,6 +43,7 @@ def main() -> int:
     parser.add_argument("--data", metavar="FOLDER", help="only write the generated measurements there")
     parser.add_argument("--picture", action="store_true", help="only draw the picture, which takes some seconds")
     args = parser.parse_args()
+    Path(args.output).mkdir(parents=True, exist_ok=True)
     if args.data:
         write_thesis_data(Path(args.data))
         return 0

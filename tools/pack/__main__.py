@@ -41,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, default=Path("docs"))
     parser.add_argument("--realtime", nargs="*", metavar="NAME", help="default: all")
     args = parser.parse_args(arguments)
+    args.output.mkdir(parents=True, exist_ok=True)
     files = scenario_files.scenario_files(["pack"])
     if args.realtime is not None:
         chosen = [each for each in files if not args.realtime or each.stem in args.realtime]

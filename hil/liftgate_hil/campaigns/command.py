@@ -86,6 +86,8 @@ def _result_of(title: str, outcome: CampaignOutcome, summary: CampaignSummary) -
 class CampaignResult(DescribedResult):
     """Result of a campaign, or of the parts of a campaign file."""
 
+    _asks = "result.is_complete, or the verdicts of result.campaigns"
+
     outcomes: tuple[CampaignOutcome, ...]
     is_of_parts: bool
     folder: Annotated[Path, Shown("folder with report.html; of a campaign also results.parquet and campaign.json, "

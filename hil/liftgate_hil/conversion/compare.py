@@ -63,6 +63,8 @@ class Difference(DescribedResult):
 class Comparison(DescribedResult):
     """Result of the comparison of two recordings."""
 
+    _asks = "result.is_equal"
+
     columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", names=("COLUMN",),
         meanings=("the differences of a column",))]
     rows: Annotated[int, Shown("rows at times that both have")]  # of the first recording

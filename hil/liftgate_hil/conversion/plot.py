@@ -66,11 +66,11 @@ def _check(request: PlotRequest) -> None:
         """Add an issue if any of the arguments `names` is given, which only `figures` take."""
         given = [fields[name] for name in names if fields[name].is_given(getattr(request, name))]
         if given:
-            named = ["FILE" if each.name == "recording" else f"`{each.flag or each.name}`" for each in given]
+            named = [f"`{each.name}`" for each in given]
             issues.append(f"{', '.join(named)}: allowed with `figure` {', '.join(figures)}")
 
     if kind.of_recording and request.recording is None:
-        issues.append(f"FILE: missing; allowed: a recording, for `figure` {request.figure}")
+        issues.append(f"`recording`: missing; allowed: a recording, for `figure` {request.figure}")
     if not kind.of_recording:
         refuse(OF_RECORDING, [name for name, each in FIGURES.items() if each.of_recording])
     if not kind.of_vehicle:

@@ -33,6 +33,8 @@ from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 class Result(described_result.DescribedResult):
     """Result of a run. `maxima` and `minima` hold every column of recordings, in its unit."""
 
+    _asks = 'result.verdict == "pass"'
+
     verdict: str  # the worst of its expectations; "error": the run did not reach its end
     reason: str  # of "error": why; of "fail" and "inconclusive": why each of the expectations, or why given up
     maxima: Annotated[Mapping[str, float], Shown("largest value of each column of recordings", names=("COLUMN",),
@@ -72,10 +74,6 @@ class Result(described_result.DescribedResult):
     def ending(self) -> str:
         """Verdict of the run, or "given up" where the bench has ended it early."""
         return GIVEN_UP if self.is_given_up and self.verdict == INCONCLUSIVE else self.verdict
-
-    def __bool__(self) -> bool:
-        """Raise TypeError: the result of a failed run would count as true, too."""
-        raise TypeError('a Result is neither true nor false; allowed: result.verdict == "pass"')
 
 
 def result_of(

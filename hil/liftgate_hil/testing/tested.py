@@ -46,6 +46,8 @@ from liftgate_hil.testing.suite import attempt_stem, cases_of, is_alone, run_sui
 class SuiteResult(DescribedResult):
     """Result of a suite of scenarios, or of recorded runs."""
 
+    _asks = 'result.verdict == "pass"'
+
     scenarios: Annotated[tuple[Outcome, ...], Shown("scenarios in the order given; of `judge` recordings")]
     provenance: Annotated[Provenance, Shown("see Provenance")]
     mutation: Annotated[MutationResult | None, Shown("`test --mutants` only: which defects of the reference ECU "

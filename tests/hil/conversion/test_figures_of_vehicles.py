@@ -291,7 +291,7 @@ def test_a_figure_states_the_values_that_differ_from_the_vehicle_file(
 
 
 def test_a_figure_without_its_recording_or_vehicle_is_an_error() -> None:
-    with pytest.raises(ConfigError, match="FILE: missing"):
+    with pytest.raises(ConfigError, match="`recording`: missing"):
         drawn("phase", FigureSubject("x"))
     with pytest.raises(ConfigError, match="`vehicle`: missing"):
         drawn("forces", FigureSubject("x"))

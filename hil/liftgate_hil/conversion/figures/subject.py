@@ -46,7 +46,7 @@ class FigureSubject:
     def recording(self) -> Recording:
         """Return the subject's recording. Raises ConfigError if there is none."""
         if self.table is None:
-            raise ConfigError("FILE: missing; allowed: a recording")
+            raise ConfigError("`recording`: missing; allowed: a recording")
         return self.table
 
     def car(self) -> Vehicle:
