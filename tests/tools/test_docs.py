@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from cantools.database.can import Message, Signal
 
+import liftgate_hil as lh
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_schema
@@ -181,3 +182,9 @@ def test_every_quantity_that_a_rig_can_wire_is_on_its_page() -> None:
     text = (DOCS / "rig.md").read_text(encoding="utf-8")
     for name in (*BUS_INPUTS, *BUS_OUTPUTS):
         assert f"| `{name}` |" in text
+
+
+def test_the_api_page_has_every_public_name() -> None:
+    page = (DOCS / "python-api.md").read_text(encoding="utf-8")
+    missing = [name for name in lh.__all__ if f":: liftgate_hil.{name}\n" not in page]
+    assert missing == []
