@@ -122,6 +122,6 @@ def test_a_range_beyond_the_bits_of_its_signal_is_refused(tmp_path: Path) -> Non
 
 def test_a_comment_in_another_code_page_does_not_refuse_a_database(tmp_path: Path) -> None:
     path = write_rig(tmp_path, DATABASE, RIG)
-    comment = b'CM_ BO_ 256 "' + "指令".encode("shift_jis") + b'";\n'
+    comment = b'CM_ BO_ 256 "' + "モーター".encode("shift_jis") + b'";\n'
     (tmp_path / "their.dbc").write_bytes(DATABASE.encode() + comment)
     assert load_rig(path).messages["Cmd"].frame_id == 256
