@@ -23,14 +23,13 @@ from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, g
 class Shown(NamedTuple):
     """Annotation of a result's field or property that is public: its description for JSON and reference.
 
-    An object whose keys vary has `names` for what stands for them in the reference, from the outside in, with the
-    `meanings` of the values. Items of a sequence are shown as such an object `by` one of their attributes.
+    `keys` of an object whose keys vary: what stands for them in the reference, and the meaning of the values, from
+    the outside in. Items of a sequence are shown as such an object `by` one of their attributes.
     """
 
     meaning: str
     key: str = ""  # in JSON, where it is not called as the field
-    names: tuple[str, ...] = ()
-    meanings: tuple[str, ...] = ()
+    keys: Mapping[str, str] = MappingProxyType({})
     by: str = ""
     is_flat: bool = False  # the keys of an object stand beside the others
     prefix: str = ""  # the same, and what they begin with
@@ -133,12 +132,12 @@ def keys_of(record: type, own_tables: Sequence[type] = ()) -> dict[str, str]:
         found[path] = shown.meaning
         items = f"{path}[]" if _is_list(hint) else path
         found |= {f"{items}.{part}": meaning for part, meaning in shown.parts.items()}
-        for part, meaning in zip(shown.names, shown.meanings, strict=True):
+        for part, meaning in shown.keys.items():
             path = f"{path}.{part}"
             found[path] = meaning
         if inner is None or inner in own_tables:
             continue
-        path += "" if shown.names or not _is_list(hint) else "[]"
+        path += "" if shown.keys or not _is_list(hint) else "[]"
         found |= {f"{path}.{key}": meaning for key, meaning in keys_of(inner, own_tables).items()}
     return found
 

@@ -59,8 +59,8 @@ class CampaignFigures(DescribedResult):
     is_complete: Annotated[bool, Shown("false: it was stopped; `--resume` continues it")]
     variants: Annotated[int, Shown("variants in `results.parquet`")]
     unfinished: Annotated[int, Shown("variants that were not evaluated")]
-    verdicts: Annotated[Mapping[str, int], Shown("variants by verdict", names=("VERDICT",),
-        meanings=("number of variants with that verdict",))]
+    verdicts: Annotated[Mapping[str, int], Shown("variants by verdict", keys={"VERDICT": "number of variants with "
+        "that verdict"})]
     seconds: Annotated[float, Shown("elapsed time [s]")]
     variants_per_second: Annotated[float, Shown("variants evaluated in a second")]
     evaluated_now: Annotated[int, Shown("variants that this call has evaluated; the others were there before")]

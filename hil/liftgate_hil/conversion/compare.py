@@ -65,8 +65,8 @@ class Comparison(DescribedResult):
 
     _asks = "result.is_equal"
 
-    columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", names=("COLUMN",),
-        meanings=("the differences of a column",))]
+    columns: Annotated[tuple[Difference, ...], Shown("columns that both have", by="name", keys={"COLUMN": "the "
+        "differences of a column"})]
     rows: Annotated[int, Shown("rows at times that both have")]  # of the first recording
     alone: Annotated[tuple[int, int], Shown("rows at times that the other does not have: [first, second]",
         key="rows_alone")]

@@ -38,28 +38,23 @@ def _column(name: str) -> Shown:
     return Shown(f"{column.meaning} [{column.unit}]" if column.unit else column.meaning)
 
 
-def _by(name: str, meaning: str, each: str) -> Shown:
-    """Return the description of a JSON object with variable keys: a placeholder for them, and their meaning."""
-    return Shown(meaning, names=(name,), meanings=(each,))
-
-
 # fmt: off
 class AboutSource(TypedDict, total=False):
     """Description of the page's data source: a run, a recording, or nothing yet."""
 
     kind: Annotated[str, Shown("`run`, `recording` or `none`")]
     columns: Annotated[list[str], Shown("list of the columns")]
-    units: Annotated[dict[str, str], _by("COLUMN", "their units", "unit; empty: none")]
-    meanings: Annotated[dict[str, str], _by("COLUMN", "what the columns of the [catalogue](signals.md) mean",
-        "meaning")]
+    units: Annotated[dict[str, str], Shown("their units", keys={"COLUMN": "unit; empty: none"})]
+    meanings: Annotated[dict[str, str], Shown("what the columns of the [catalogue](signals.md) mean", keys={
+        "COLUMN": "meaning"})]
     number: Annotated[int, Shown("counts the runs that the page has shown")]
     read_only: Annotated[bool, Shown("whether commands are refused")]
     starts: Annotated[bool, Shown("whether scenarios can be started, see `GET /api/run`")]
     ends_with_run: Annotated[bool, Shown("whether the server ends with its run")]
 
 
-_Expectations = Annotated[dict[str, str], _by("NAME", "what the scenario expects; of a recording as far as its "
-    "files are there as they were", "formula of the expectation, with numbers for parameters")]
+_Expectations = Annotated[dict[str, str], Shown("what the scenario expects; of a recording as far as its files "
+    "are there as they were", keys={"NAME": "formula of the expectation, with numbers for parameters"})]
 _ForceLimits = Annotated[list[JsonObject], Shown("upper limits of the pinch force in these expectations", parts={
     "force_n": "the limit [N]",
     "longest_s": "how long the force may be above it without interruption [s]; 0: never; null: no number says it",
@@ -109,7 +104,7 @@ class FaultControl(TypedDict):
     group: Annotated[str, Shown("part that fails")]
     of: Annotated[str, Shown("what `where` names: a drive, a message; else neither")]
     where: Annotated[list[str], Shown("list of the values that `where` can have; empty: it has none")]
-    keys: Annotated[dict[str, FaultKey], _by("KEY", "keys of the fault", "a key")]
+    keys: Annotated[dict[str, FaultKey], Shown("keys of the fault", keys={"KEY": "a key"})]
 
 
 class SignalControl(TypedDict):
@@ -126,13 +121,13 @@ class SignalControl(TypedDict):
 class Controls(TypedDict):
     """Commands that a run accepts, with their ranges and labels."""
 
-    obstacle: Annotated[dict[str, ObstacleControl], _by("KEY", "keys of the obstacle", "a key")]
-    set: Annotated[dict[str, Control], _by("QUANTITY", "surroundings",
-        "a quantity of [scenario files](scenario.md)")]
-    fault: Annotated[dict[str, FaultControl], _by("KIND", "kinds of faults",
-        "a kind of [scenario files](scenario.md)")]
-    signal: Annotated[dict[str, SignalControl], _by("SIGNAL", "signals of the restbus",
-        "a signal, as `Message.Signal`")]
+    obstacle: Annotated[dict[str, ObstacleControl], Shown("keys of the obstacle", keys={"KEY": "a key"})]
+    set: Annotated[dict[str, Control], Shown("surroundings", keys={"QUANTITY": "a quantity of [scenario "
+        "files](scenario.md)"})]
+    fault: Annotated[dict[str, FaultControl], Shown("kinds of faults", keys={"KIND": "a kind of [scenario "
+        "files](scenario.md)"})]
+    signal: Annotated[dict[str, SignalControl], Shown("signals of the restbus", keys={"SIGNAL": "a signal, as "
+        "`Message.Signal`"})]
     request: Annotated[list[str], Shown("list of the requests that reach the ECU")]
     record: Annotated[list[str], Shown("list of the formats of recordings")]
 
@@ -155,8 +150,8 @@ class AboutRun(AboutSource, total=False):
     channel: Annotated[str, Shown("name of the bus")]
     bitrate: Annotated[float | None, Shown("bit rate [bit/s]; null: none")]
     commands: Annotated[Controls, Shown("what can be commanded")]
-    signal_units: Annotated[dict[str, str], _by("SIGNAL", "units of the database's signals that have one",
-        "unit of a signal, as `Message.Signal`")]
+    signal_units: Annotated[dict[str, str], Shown("units of the database's signals that have one", keys={
+        "SIGNAL": "unit of a signal, as `Message.Signal`"})]
 
 
 class AboutRecording(AboutSource, total=False):
@@ -200,7 +195,7 @@ class GateGeometry(TypedDict, total=False):
     angles_deg: Annotated[list[float], Shown("list of angles of the gate, for the lists below [deg]")]
     edge: Annotated[list[list[float]], Shown("the edge at each angle: list of [x, y] [m]")]
     gravity_point: Annotated[list[list[float]], Shown("the centre of gravity at each angle: list of [x, y] [m]")]
-    drives: Annotated[dict[str, DriveGeometry], _by("DRIVE", "the drives, `left` and `right`", "a drive")]
+    drives: Annotated[dict[str, DriveGeometry], Shown("the drives, `left` and `right`", keys={"DRIVE": "a drive"})]
     stroke_m: Annotated[float, Shown("stroke of the drives [m]")]
     hand_distance_m: Annotated[float, Shown("distance of the hand's force from the hinge [m]")]
     snow_distance_m: Annotated[float, Shown("distance of the snow's centre from the hinge [m]")]
@@ -214,10 +209,10 @@ class Curves(TypedDict):
     """Curves of columns: lowest and highest values of intervals of time."""
 
     time_s: Annotated[list[float], Shown("list of the ends of the stretches [s]")]
-    low: Annotated[dict[str, list[float]], _by("COLUMN", "lowest values",
-        "list of the lowest value in each stretch")]
-    high: Annotated[dict[str, list[float]], _by("COLUMN", "highest values",
-        "list of the highest value in each stretch")]
+    low: Annotated[dict[str, list[float]], Shown("lowest values", keys={"COLUMN": "list of the lowest value in "
+        "each stretch"})]
+    high: Annotated[dict[str, list[float]], Shown("highest values", keys={"COLUMN": "list of the highest value in "
+        "each stretch"})]
 
 
 class TracedFrame(TypedDict):
@@ -228,8 +223,8 @@ class TracedFrame(TypedDict):
     direction: Annotated[str, Shown("`sent` or `received` by the gate")]
     time_s: Annotated[float, Shown("model time [s]")]
     data: Annotated[str, Shown("payload: bytes in hexadecimal digits")]
-    signals: Annotated[SignalValues, _by("SIGNAL", "decoded signals; empty: unknown message",
-        "value in the database's unit, or its label")]
+    signals: Annotated[SignalValues, Shown("decoded signals; empty: unknown message", keys={"SIGNAL": "value in "
+        "the database's unit, or its label"})]
 
 
 class BusTrace(TypedDict):
@@ -338,18 +333,11 @@ class ActingState(TypedDict, total=False):
         parts={"left": "of the left drive", "right": "of the right drive, where there is one"})]
 
 
-class HeardMessage(TypedDict):
+class HeardMessage(TracedFrame):
     """Message on the bus, with its last frame."""
 
-    id: Annotated[str, Shown("identifier in hexadecimal digits, followed by x if it has 29 bits")]
-    name: Annotated[str, Shown("name in the database; empty: unknown")]
-    direction: Annotated[str, Shown("`sent` or `received` by the gate")]
     count: Annotated[int, Shown("frames so far")]
     cycle_ms: Annotated[float, Shown("time between the last two frames [ms]; null: there was one")]
-    time_s: Annotated[float, Shown("model time of the last frame [s]")]
-    data: Annotated[str, Shown("its payload: bytes in hexadecimal digits")]
-    signals: Annotated[SignalValues, _by("SIGNAL", "its decoded signals; empty: unknown message",
-        "value in the database's unit, or its label")]
 
 
 class PageState(TypedDict, total=False):
@@ -361,12 +349,12 @@ class PageState(TypedDict, total=False):
     end: Annotated[EndState | None, Shown("how the run has ended: `verdict`, `ending`, `reason`, `expectations`, "
         "`exit_code`, its largest pinch force; null: it has not")]
     time_s: Annotated[float | None, Shown("model time [s]")]
-    truth: Annotated[Numbers, _by("COLUMN", "true values of the columns",
-        "in the unit of the [signal](signals.md)")]
-    sensed: Annotated[Numbers, _by("COLUMN", "what the ECU's sensors report, by the same names",
-        "in the unit of the [signal](signals.md)")]
-    command: Annotated[dict[str, CommandValue], _by("QUANTITY", "the ECU's last command: `value` or its label, "
-        "`unit` and `signal` of each quantity in the rig", "a quantity of the [rig file](rig.md)")]
+    truth: Annotated[Numbers, Shown("true values of the columns", keys={"COLUMN": "in the unit of the "
+        "[signal](signals.md)"})]
+    sensed: Annotated[Numbers, Shown("what the ECU's sensors report, by the same names", keys={"COLUMN": "in the "
+        "unit of the [signal](signals.md)"})]
+    command: Annotated[dict[str, CommandValue], Shown("the ECU's last command: `value` or its label, `unit` and "
+        "`signal` of each quantity in the rig", keys={"QUANTITY": "a quantity of the [rig file](rig.md)"})]
     loop: Annotated[ShownLoop, Shown("clock, rate, ticks done and missed; lateness, execution time and command "
         "delay [µs] as quantiles")]
     bus: Annotated[BusState, Shown("channel, load, frames sent, received, accepted, rejected, foreign, dropped; "

@@ -262,7 +262,7 @@ class DoctorFigures(DescribedResult):
     tick_share_percent: Annotated[float | None, Shown("median execution time as a share of the period [%]; null: "
         "as above")]
     stolen_percent: Annotated[Mapping[str, float], Shown("time that the host of a virtual machine took, by CPU",
-        names=("CPU",), meanings=("share [%]",))]
+        keys={"CPU": "share [%]"})]
 
 
 # fmt: on

@@ -37,10 +37,10 @@ class Result(described_result.DescribedResult):
 
     verdict: str  # the worst of its expectations; "error": the run did not reach its end
     reason: str  # of "error": why; of "fail" and "inconclusive": why each of the expectations, or why given up
-    maxima: Annotated[Mapping[str, float], Shown("largest value of each column of recordings", names=("COLUMN",),
-        meanings=("in the unit of the [signal](signals.md); null: unknown",))]
-    minima: Annotated[Mapping[str, float], Shown("smallest value of each column of recordings", names=("COLUMN",),
-        meanings=("in the unit of the [signal](signals.md); null: unknown",))]
+    maxima: Annotated[Mapping[str, float], Shown("largest value of each column of recordings", keys={
+        "COLUMN": "in the unit of the [signal](signals.md); null: unknown"})]
+    minima: Annotated[Mapping[str, float], Shown("smallest value of each column of recordings", keys={
+        "COLUMN": "in the unit of the [signal](signals.md); null: unknown"})]
     events: Sequence[Event]  # reported by the ECU, where it is the reference ECU
     summary: Annotated[Summary, Shown("its figures", is_flat=True)]
     recording: tuple[Path, ...] = ()

@@ -54,8 +54,8 @@ class Ranked(DescribedResult):
 
     @property
     def relative_std_of(self) -> Annotated[Mapping[str, float], Shown("expected standard deviations",
-            key="relative_std", names=("NAME",),
-            meanings=("of a parameter, divided by its value: 0.01 is 1 %; null: unknown",))]:
+            key="relative_std", keys={"NAME": "of a parameter, divided by its value: 0.01 is 1 %; null: "
+            "unknown"})]:
         """Expected standard deviation of each parameter relative to its value."""
         return dict(zip(self.names, self.relative_std.tolist(), strict=True))
 

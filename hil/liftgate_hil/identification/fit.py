@@ -247,10 +247,10 @@ def validated(problem: Problem) -> Validation:
         point, states = found.point, estimates_of(problem, found.point, covariance, known)
     problem.outputs = outputs
     return Validation(
-        problem.model,
-        "",
-        tuple(experiments_of(problem, point, _states_at(problem, point))),
-        tuple(states),
+        model=problem.model,
+        vehicle="",
+        experiments=tuple(experiments_of(problem, point, _states_at(problem, point))),
+        initial_states=tuple(states),
         data_warnings=(
             *begun_in_motion(problem, point),
             *driven_through_gaps(problem.data),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
@@ -109,55 +109,55 @@ class Experiment(DescribedResult):
 
     @property
     def fit_percent(self) -> Annotated[Mapping[str, float], Shown("NRMSE fit: 100 (1 - |y - ŷ| / |y - mean of "
-            "y|), by output", names=("COLUMN",), meanings=("fit [%]; null: not defined",))]:
+            "y|), by output", keys={"COLUMN": "fit [%]; null: not defined"})]:
         """NRMSE fit by output [%]."""
         return {each.output: each.fit_percent for each in self.series}
 
     @property
-    def fit_percent_initial(self) -> Annotated[Mapping[str, float], Shown("the same with the initial values; of "
-            "a validation each is null", names=("COLUMN",), meanings=("fit [%]; null: not defined",))]:
+    def fit_percent_initial(self) -> Annotated[Mapping[str, float], Shown("the same with the initial values; of a "
+            "validation each is null", keys={"COLUMN": "fit [%]; null: not defined"})]:
         """NRMSE fit of the initial model by output [%]; NaN in a validation."""
         return {each.output: each.fit_before for each in self.series}
 
     @property
-    def mean(self) -> Annotated[Mapping[str, float], Shown("mean error, measured less simulated, by output",
-            names=("COLUMN",), meanings=("in the column's unit",))]:
+    def mean(self) -> Annotated[Mapping[str, float], Shown("mean error, measured less simulated, by output", keys={
+            "COLUMN": "in the column's unit"})]:
         """Mean error by output."""
         return {each.output: each.mean for each in self.series}
 
     @property
     def mean_std(self) -> Annotated[Mapping[str, float], Shown("standard deviation of the mean error, by output",
-            names=("COLUMN",), meanings=("in the column's unit",))]:
+            keys={"COLUMN": "in the column's unit"})]:
         """Standard deviation of the mean error by output."""
         return {each.output: each.mean_std for each in self.series}
 
     @property
-    def rms(self) -> Annotated[Mapping[str, float], Shown("root mean square of the errors, by output",
-            names=("COLUMN",), meanings=("in the column's unit",))]:
+    def rms(self) -> Annotated[Mapping[str, float], Shown("root mean square of the errors, by output", keys={
+            "COLUMN": "in the column's unit"})]:
         """Root mean square of the errors by output."""
         return {each.output: each.rms for each in self.series}
 
     @property
-    def maximum(self) -> Annotated[Mapping[str, float], Shown("largest error, by output", names=("COLUMN",),
-            meanings=("in the column's unit",))]:
+    def maximum(self) -> Annotated[Mapping[str, float], Shown("largest error, by output", keys={"COLUMN": "in the "
+            "column's unit"})]:
         """Largest absolute error by output."""
         return {each.output: each.maximum for each in self.series}
 
     @property
-    def samples(self) -> Annotated[Mapping[str, int], Shown("number of samples, by output", names=("COLUMN",),
-            meanings=("number of samples",))]:
+    def samples(self) -> Annotated[Mapping[str, int], Shown("number of samples, by output", keys={
+            "COLUMN": "number of samples"})]:
         """Number of samples by output."""
         return {each.output: len(each.times) for each in self.series}
 
     @property
     def phases(self) -> Annotated[Mapping[str, Mapping[str, PhaseErrors]], Shown("errors by phase of the motion, "
-            "by output", names=("COLUMN", "PHASE"), meanings=("phases of an output", "errors in a phase"))]:
+            "by output", keys={"COLUMN": "phases of an output", "PHASE": "errors in a phase"})]:
         """Errors by output and phase."""
         return {each.output: each.phases for each in self.series}
 
     @property
     def whiteness(self) -> Annotated[Mapping[str, Series], Shown("whether the residuals are noise, by output",
-            names=("COLUMN",), meanings=("residual of an output",))]:
+            keys={"COLUMN": "residual of an output"})]:
         """Series of measured and simulated samples with residual tests, by output."""
         return {each.output: each for each in self.series}
 
@@ -184,27 +184,23 @@ class FixedParameter(DescribedResult):
     value: Annotated[float, Shown("its value")]
     unit: Annotated[str, Shown("unit of the value")]
     shifts: Annotated[Mapping[str, float], Shown("change of each estimate if the value were 10 % larger, by "
-        "linear theory; where `is_seen`, it holds for small changes only", names=("NAME",),
-        meanings=("change in the estimate's unit",))]
+        "linear theory; where `is_seen`, it holds for small changes only", keys={"NAME": "change in the "
+        "estimate's unit"})]
     is_seen: Annotated[bool, Shown("whether the residuals would then show it")]
     change: Annotated[float, Shown("relative change of the value with the best fit; null: estimates take up any "
         "value")]
     explains: Annotated[float, Shown("share of the weighted squared errors that this would explain")]
 
 
-def _by_output(what: str, unit: str) -> Shown:
-    return Shown(what, names=("COLUMN",), meanings=(unit,))
-
-
-@dataclass(frozen=True)
-class Validation(DescribedResult):
-    """The result of a comparison of a model with measurements; each statistic over all experiments by output."""
+@dataclass(frozen=True, kw_only=True)
+class ModelResult(DescribedResult):
+    """Base class of the results of an identification and of a validation: a model and its measurements."""
 
     model: Annotated[str, Shown("`full`, `third-order` or `second-order`")]
     vehicle: Annotated[str, Shown("name of the vehicle")]
     experiments: Annotated[tuple[Experiment, ...], Shown("the measurements, see Experiment")]
-    initial_states: Annotated[tuple[Estimate, ...], Shown("estimated initial states", by="name", names=("NAME",),
-        meanings=("an initial state of an experiment",))] = ()
+    initial_states: Annotated[tuple[Estimate, ...], Shown("estimated initial states", by="name", keys={
+        "NAME": "an initial state of an experiment"})]
     warnings: Annotated[tuple[str, ...], Shown("sentences: what limits the use of the result, the worst "
         "first")] = ()
     notes: Annotated[tuple[str, ...], Shown("sentences: what was done to the data")] = ()
@@ -212,53 +208,54 @@ class Validation(DescribedResult):
     data_warnings: tuple[str, ...] = ()  # what in the data limits the result
 
     @property
-    def fit_percent(self) -> Annotated[Mapping[str, float], _by_output("NRMSE fit, mean over the experiments, by "
-            "output", "fit [%]; null: not defined")]:
+    def fit_percent(self) -> Annotated[Mapping[str, float], Shown("NRMSE fit, mean over the experiments, by "
+            "output", keys={"COLUMN": "fit [%]; null: not defined"})]:
         """NRMSE fit by output [%], mean over the experiments; NaN: not defined."""
         return mean_over(self.experiments, lambda each: each.fit_percent)
 
+
+@dataclass(frozen=True, kw_only=True)
+class Validation(ModelResult):
+    """The result of a comparison of a model with measurements; each statistic over all experiments by output."""
+
     @property
-    def mean(self) -> Annotated[Mapping[str, float], _by_output("mean error, measured less simulated, by output",
-            "in the column's unit")]:
+    def mean(self) -> Annotated[Mapping[str, float], Shown("mean error, measured less simulated, by output", keys={
+            "COLUMN": "in the column's unit"})]:
         """Mean error over the samples of all experiments by output."""
         return _over_all(self.experiments, _mean)
 
     @property
-    def rms(self) -> Annotated[Mapping[str, float], _by_output("root mean square of the errors, by output",
-            "in the column's unit")]:
+    def rms(self) -> Annotated[Mapping[str, float], Shown("root mean square of the errors, by output", keys={
+            "COLUMN": "in the column's unit"})]:
         """Root mean square of the errors over the samples of all experiments by output."""
         return _over_all(self.experiments, lambda rows: _rms([(each.rms, len(each.times)) for each in rows]))
 
     @property
-    def maximum(self) -> Annotated[Mapping[str, float], _by_output("largest error, by output",
-            "in the column's unit; null: unknown")]:
+    def maximum(self) -> Annotated[Mapping[str, float], Shown("largest error, by output", keys={"COLUMN": "in the "
+            "column's unit; null: unknown"})]:
         """Largest absolute error by output; NaN where that of any experiment is."""
         return _over_all(self.experiments, lambda rows: float(np.max([each.maximum for each in rows])))
 
     @property
     def phases(self) -> Annotated[Mapping[str, Mapping[str, PhaseErrors]], Shown("errors by phase of the motion, "
-            "by output", names=("COLUMN", "PHASE"), meanings=("phases of an output", "errors in a phase"))]:
+            "by output", keys={"COLUMN": "phases of an output", "PHASE": "errors in a phase"})]:
         """Errors by output and phase, over all experiments."""
         return _over_all(self.experiments, _pooled)
 
     @property
-    def whiteness(self) -> Annotated[Mapping[str, bool], _by_output("whether the residuals of all experiments are "
-            "white, by output", "true: white")]:
+    def whiteness(self) -> Annotated[Mapping[str, bool], Shown("whether the residuals of all experiments are "
+            "white, by output", keys={"COLUMN": "true: white"})]:
         """Whether the residuals of all experiments are white, by output."""
         return _over_all(self.experiments, lambda rows: all(each.is_white for each in rows))
 
 
-@dataclass(frozen=True)
-class Identification(DescribedResult):
+@dataclass(frozen=True, kw_only=True)
+class Identification(ModelResult):
     """The result of an identification. Values are in the units of the vehicle file."""
 
-    model: Annotated[str, Shown("`full`, `third-order` or `second-order`")]
-    vehicle: Annotated[str, Shown("name of the vehicle")]
     outputs: Annotated[tuple[str, ...], Shown("names of the output columns", key="noise_outputs")]
-    parameters: Annotated[tuple[Estimate, ...], Shown("the estimated parameters", by="name", names=("NAME",),
-        meanings=("a parameter by its key in the vehicle file, e.g. `motor.resistance`",))]
-    initial_states: Annotated[tuple[Estimate, ...], Shown("estimated initial states", by="name", names=("NAME",),
-        meanings=("an initial state of an experiment",))]
+    parameters: Annotated[tuple[Estimate, ...], Shown("the estimated parameters", by="name", keys={"NAME": "a "
+        "parameter by its key in the vehicle file, e.g. `motor.resistance`"})]
     covariance: Annotated[Floats, Shown("covariance of the parameters, matrix as rows, in products of their "
         "units; null: not finite")]  # (p, p)
     correlation: Annotated[Floats, Shown("correlation matrix of the parameters, as rows")]  # (p, p)
@@ -281,18 +278,12 @@ class Identification(DescribedResult):
     covariance_kind: Annotated[str, Shown("a sentence: what the covariance takes into account")]
     history: Annotated[Floats, Shown("list: the loss after each iteration, the initial one first",
         key="loss_history")]  # (iterations + 1,)
-    experiments: Annotated[tuple[Experiment, ...], Shown("the measurements, see Experiment")]
     profiles: Annotated[tuple[LikelihoodProfile, ...], Shown("profile likelihoods; empty without `--profile`",
-        by="name", names=("NAME",), meanings=("profile of a parameter",))] = ()
+        by="name", keys={"NAME": "profile of a parameter"})] = ()
     fixed: Annotated[tuple[FixedParameter, ...], Shown("parameters that are not estimated and have an effect, by "
-        "linear theory", key="fixed_parameters", by="name", names=("NAME",), meanings=("fixed parameter",))] = ()
+        "linear theory", key="fixed_parameters", by="name", keys={"NAME": "fixed parameter"})] = ()
     input_jitter: Annotated[float, Shown("standard deviation of the inputs' time stamps about the time of their "
         "effect [s]")] = 0.0
-    warnings: Annotated[tuple[str, ...], Shown("sentences: what limits the use of the result, the worst "
-        "first")] = ()
-    notes: Annotated[tuple[str, ...], Shown("sentences: what was done to the data")] = field(default_factory=tuple)
-    provenance: Annotated[Provenance | None, Shown("see Provenance")] = None
-    data_warnings: tuple[str, ...] = ()  # what in the data limits the result
 
     @property
     def parameter_names(self) -> Annotated[tuple[str, ...], Shown("names of the parameters in the order of the "
@@ -301,20 +292,14 @@ class Identification(DescribedResult):
         return tuple(each.name for each in self.parameters)
 
     @property
-    def identifiable(self) -> Annotated[Mapping[str, bool], Shown("which parameters are identifiable",
-            names=("NAME",), meanings=("true: identifiable",))]:
+    def identifiable(self) -> Annotated[Mapping[str, bool], Shown("which parameters are identifiable", keys={
+            "NAME": "true: identifiable"})]:
         """Whether each parameter is identifiable, by its name."""
         return {each.name: each.identifiable for each in self.parameters}
 
     @property
-    def fit_percent(self) -> Annotated[Mapping[str, float], _by_output("NRMSE fit, mean over the experiments, by "
-            "output", "fit [%]; null: not defined")]:
-        """NRMSE fit by output [%], mean over the experiments; NaN: not defined."""
-        return mean_over(self.experiments, lambda each: each.fit_percent)
-
-    @property
-    def fit_percent_initial(self) -> Annotated[Mapping[str, float], _by_output("the same with the initial values",
-            "fit [%]; null: not defined")]:
+    def fit_percent_initial(self) -> Annotated[Mapping[str, float], Shown("the same with the initial values",
+            keys={"COLUMN": "fit [%]; null: not defined"})]:
         """NRMSE fit of the initial model by output [%], mean over the experiments; NaN: not defined."""
         return mean_over(self.experiments, lambda each: each.fit_before)
 

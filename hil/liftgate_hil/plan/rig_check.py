@@ -29,12 +29,12 @@ class RigReport(DescribedResult):
     rate: Annotated[float, Shown("tick rate for which it was checked [Hz]")]
     messages: Annotated[list[MappedMessage], Shown("messages that carry quantities, those that the gate receives "
         "first")]
-    restbus_protection: Annotated[Mapping[str, str], Shown("protection of messages that carry no quantity",
-        names=("MESSAGE",), meanings=("counter and checksum, in words",))]
-    requests: Annotated[Mapping[str, str], Shown("how requests reach an ECU on a bus", names=("ACTION",),
-        meanings=("signal and values, in words",))]
-    inject: Annotated[Mapping[str, str], Shown("orders that a test bench gives by a message", names=("ORDER",),
-        meanings=("message and signals of the order, in words",))]
+    restbus_protection: Annotated[Mapping[str, str], Shown("protection of messages that carry no quantity", keys={
+        "MESSAGE": "counter and checksum, in words"})]
+    requests: Annotated[Mapping[str, str], Shown("how requests reach an ECU on a bus", keys={"ACTION": "signal "
+        "and values, in words"})]
+    inject: Annotated[Mapping[str, str], Shown("orders that a test bench gives by a message", keys={
+        "ORDER": "message and signals of the order, in words"})]
     diagnostics: Annotated[Diagnostics | None, Shown("the tester's settings, see `[diagnostics]` of the "
         "[rig file](rig.md); null: none", parts={
             "request": "identifier of requests, as a number; bit 31 is set if it has 29 bits",

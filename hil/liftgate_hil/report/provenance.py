@@ -29,10 +29,10 @@ class Provenance(DescribedResult):
     command_line: Annotated[str, Shown("the command with its arguments, or the request of a program")]
     date: Annotated[str, Shown("when the result was made: ISO 8601, UTC")]
     sources: Annotated[Mapping[str, Source], Shown("files that were read, by purpose: `scenario`, `vehicle`, "
-        "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", names=("PURPOSE",),
-        meanings=("a file",))] = field(default_factory=dict)
-    versions: Annotated[Mapping[str, str], Shown("versions by package", names=("PACKAGE",),
-        meanings=("version; `unknown`: the package is not installed",))] = field(default_factory=versions)
+        "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", keys={"PURPOSE": "a "
+        "file"})] = field(default_factory=dict)
+    versions: Annotated[Mapping[str, str], Shown("versions by package", keys={"PACKAGE": "version; `unknown`: the "
+        "package is not installed"})] = field(default_factory=versions)
     platform: Annotated[str, Shown("operating system and processor architecture")] = field(
         default_factory=platform.platform)
     libc: Annotated[str, Shown("C library with its version")] = field(

@@ -76,7 +76,7 @@ class Outcome(DescribedResult):
 
     @property
     def condition_times(self) -> Annotated[Mapping[str, float], Shown("when each condition with which a stimulus "
-        "begins came true; those that never did are missing", names=("CONDITION",), meanings=("model time [s]",))]:
+            "begins came true; those that never did are missing", keys={"CONDITION": "model time [s]"})]:
         """Times [s] at which the conditions that start stimuli came true, by condition."""
         return {} if self.result is None else self.result.condition_times
 
@@ -111,7 +111,7 @@ class Outcome(DescribedResult):
 
     @property
     def parameters(self) -> Annotated[Mapping[str, float], Shown("parameters of the scenario, with "
-        "`--set-parameter`", names=("NAME",), meanings=("value, in the unit in which the scenario uses it",))]:
+            "`--set-parameter`", keys={"NAME": "value, in the unit in which the scenario uses it"})]:
         """Parameters of the scenario."""
         return self.case.plan.setup.scenario.parameters
 
@@ -133,8 +133,8 @@ class Outcome(DescribedResult):
         return () if self.result is None else self.result.recording
 
     @property
-    def sources(self) -> Annotated[Mapping[str, Source], Shown("files that were read, by purpose",
-        names=("PURPOSE",), meanings=("a file",))]:
+    def sources(self) -> Annotated[Mapping[str, Source], Shown("files that were read, by purpose", keys={
+            "PURPOSE": "a file"})]:
         """Files that were read, by their purpose."""
         return self.case.plan.sources
 

@@ -28,14 +28,12 @@ class Errors(NamedTuple):
 class Part(DescribedResult):
     name: str
     size: Annotated[float, Shown("size [m]")]
-    errors: Annotated[
-        Mapping[str, Mapping[str, Errors]], Shown("errors", names=("COLUMN", "PHASE"), meanings=("of", "in"))
-    ]
+    errors: Annotated[Mapping[str, Mapping[str, Errors]], Shown("errors", keys={"COLUMN": "of", "PHASE": "in"})]
 
 
 @dataclass(frozen=True)
 class Whole(DescribedResult):
-    parts: Annotated[tuple[Part, ...], Shown("parts", by="name", names=("NAME",), meanings=("a part",))]
+    parts: Annotated[tuple[Part, ...], Shown("parts", by="name", keys={"NAME": "a part"})]
     listed: Annotated[tuple[Errors, ...], Shown("list")]
     matrix: Annotated[NDArray[np.float64], Shown("matrix")]
     last: Annotated[Errors | None, Shown("the last")] = None

@@ -52,8 +52,8 @@ class WorstResult(DescribedResult):
     margin: Annotated[float | None, Shown("`--worst`: its margin, in `margin_unit`; null: no variant has one")]
     margin_unit: Annotated[str, Shown("`--worst`: unit of the margins; empty: none, or comparisons in several "
         "units")]
-    values: Annotated[Mapping[str, float], Shown("`--worst`: its values", names=("NAME",),
-        meanings=("value of what was varied",))]
+    values: Annotated[Mapping[str, float], Shown("`--worst`: its values", keys={"NAME": "value of what was "
+        "varied"})]
     evaluations: Annotated[int, Shown("`--worst`, `--probability`: number of evaluations")]
     found_after: Annotated[int | None, Shown("`--worst`: evaluations until it was found, random ones included; "
         "null: none")]

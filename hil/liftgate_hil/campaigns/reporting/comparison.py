@@ -39,8 +39,8 @@ class ResultsComparison(DescribedResult):
         return int(self.differing.num_rows)
 
     @property
-    def verdicts(self) -> Annotated[Mapping[str, int], Shown("variants by the two verdicts", names=("PAIR",),
-            meanings=("number of variants; the key is e.g. `pass / fail`",))]:
+    def verdicts(self) -> Annotated[Mapping[str, int], Shown("variants by the two verdicts", keys={
+            "PAIR": "number of variants; the key is e.g. `pass / fail`"})]:
         """Number of variants by the pair of verdicts, e.g. `pass / fail`."""
         return {f"{one} / {other}": number for (one, other), number in sorted(self.pairs.items())}
 

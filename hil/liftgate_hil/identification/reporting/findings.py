@@ -14,6 +14,7 @@ from liftgate_hil.identification.result import (
     Estimate,
     FixedParameter,
     Identification,
+    ModelResult,
     Series,
     Validation,
     columns_of,
@@ -171,7 +172,7 @@ def _one_sided(result: Identification) -> list[str]:
     ]
 
 
-def validation_warnings(result: Identification | Validation) -> list[str]:
+def validation_warnings(result: ModelResult) -> list[str]:
     """Return warnings on initial states that are not identifiable, on the data, then on the experiments."""
     states = [
         f"initial state {clean(each.name)} is not identifiable{_because(each.remark)}"
@@ -185,7 +186,7 @@ def _because(remark: str) -> str:
     return f": {clean(remark)}" if remark else ""
 
 
-def experiment_warnings(result: Identification | Validation) -> list[str]:
+def experiment_warnings(result: ModelResult) -> list[str]:
     """Return the warnings of each experiment, with the names of the outputs that they concern.
 
     They are on outputs of another scale or with an offset, on those that the model fits worse than their mean

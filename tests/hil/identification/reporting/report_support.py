@@ -171,7 +171,8 @@ def validation(samples=2000, names=("open.csv", "close.csv"), columns=COLUMNS):
     experiments = tuple(
         experiment_of(name, samples, seed, columns, with_before=False) for seed, name in enumerate(names)
     )
-    return Validation("full", "suv", experiments, states(), notes=("close.csv: decimated",))
+    known = {"model": "full", "vehicle": "suv", "experiments": experiments, "initial_states": states()}
+    return Validation(**known, notes=("close.csv: decimated",))
 
 
 def nothing():
