@@ -42,7 +42,9 @@ class DescribedResult:
     _asks: ClassVar[str] = ""  # what a caller compares where the result has no truth value
 
     def __bool__(self) -> bool:
-        """Raise TypeError where a result that tells of a failure would count as true, too."""
+        """Return True; raises TypeError for a class whose results can be failures, which must not count as
+        true.
+        """
         if self._asks:
             raise TypeError(f"a {type(self).__name__} is neither true nor false; allowed: {self._asks}")
         return True

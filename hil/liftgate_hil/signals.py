@@ -78,7 +78,9 @@ _AGES = [
 
 
 class EdgeTimes(NamedTuple):
-    """Times of the last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
+    """Number and last four ages of each drive's Hall edges, for an ECU's timer; all are recorded beside the
+    rows.
+    """
 
     left_edge_number: Annotated[float, _NUMBER]
     left_edge_age_1: Annotated[float, _AGES[0]]
@@ -123,7 +125,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """Lateness of the bench itself in each tick; zeros on the free clock."""
+    """What the bench itself missed, dropped, delayed or left undone; missed and delayed: 0 unless in real time."""
 
     ticks_missed: Annotated[
         float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)

@@ -61,7 +61,9 @@ def outlined(function: F) -> F:
 
 
 def compiled(function: F) -> F:
-    """Return the machine code of `function`, compiled or read from the disk at its first call."""
+    """Return the Entry of `function`: machine code, compiled or read at the first call; if disabled,
+    `function`.
+    """
     if not enabled():
         return function
     return _entry(function)  # type: ignore[return-value]

@@ -51,7 +51,7 @@ def _numbers_of(version: str) -> tuple[int, ...]:
 
 
 def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
-    """Compile an entry point in this process, with numba. Raises what numba raises."""
+    """Compile an entry point in this process; return its machine code to be stored. Raises what numba raises."""
     _import_numba()
     from liftgate_compiler import making
 

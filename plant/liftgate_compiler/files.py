@@ -155,7 +155,7 @@ def _created(place: Path, mode: int | None) -> tuple[int, Path]:
 
 
 def _is_held(descriptor: int) -> bool:
-    """Lock a temporary file; return whether it still exists, as `remove_leftovers` may have removed it."""
+    """Lock a temporary file; return whether it is locked and still exists, not removed by `remove_leftovers`."""
     try:
         lock(descriptor)
     except BlockingIOError:

@@ -77,7 +77,7 @@ def _name_of(named: type[Any] | None) -> str:
 
 
 def plain(kind: Kind) -> Any:
-    """Return a kind of result in a form for JSON.
+    """Return the kind of a result as a value that JSON can store; of an array, only that it is one.
 
     Arrays in a result are those of the arguments, so that their kinds are known.
     """

@@ -18,7 +18,7 @@ from numba.core.compiler_machinery import PassManager
 
 
 class _Library(codegen.JITCodeLibrary):
-    """numba library whose functions are optimised little, as only entry points need more."""
+    """Base class of libraries optimised at -O1 only, as the entry point is optimised as a whole later."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         """Optimise a module as numba does, but with one pass manager for all its functions, and at -O1.
@@ -40,7 +40,7 @@ class HelperLibrary(_Library):
 
     @property
     def codegen(self) -> Any:
-        """The code generator, which gives nothing an address."""
+        """The code generator, which ignores the functions' environments."""
         return _WithoutAddresses(self._codegen)
 
     def finalize(self) -> None:
@@ -58,7 +58,7 @@ class HelperLibrary(_Library):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """Return the library's module with all its callees, for libraries that are no entry points."""
+        """Return the module linked with all callees, for numba's own libraries, which `_link` does not link."""
         self._ensure_finalized()
         if self._whole is None:
             self._whole = self._final_module.clone()
@@ -98,7 +98,7 @@ class ExportLibrary(_Library):
 
     def has_addresses(self) -> bool:
         """Whether the library contains addresses of this process, such as of a large constant array."""
-        return any(each.has_dynamic_globals for each in _below(self))
+        return any(each.has_dynamic_globals for each in _callees_of(self))
 
     def asked_for(self) -> list[str]:
         """Return the names of external functions that the code calls: declared, but not defined there.
@@ -113,7 +113,7 @@ class ExportLibrary(_Library):
 
 
 class _WithoutAddresses:
-    """numba code generator for a library in which nothing has an address."""
+    """Wrapper of numba's code generator that ignores `set_env`, as a helper library has no machine code."""
 
     def __init__(self, whole: Any) -> None:
         self._whole = whole
@@ -127,13 +127,13 @@ class _WithoutAddresses:
 
 def _link(library: Any, module: Any) -> None:
     """Link all libraries that `library` calls into `module`, each once."""
-    for each in _below(library):
+    for each in _callees_of(library):
         is_helper = isinstance(each, HelperLibrary)
         # preserve: another entry point may want it too
         module.link_in(each._final_module if is_helper else each._get_module_for_linking(), preserve=True)
 
 
-def _below(library: Any) -> list[Any]:
+def _callees_of(library: Any) -> list[Any]:
     """Return the libraries that `library` calls, directly or not, each after all of its callers.
 
     The linker drops what nothing has called so far.
@@ -193,7 +193,7 @@ class HelperCompiler(Compiler):
     is_outlined = False
 
     def define_pipelines(self) -> list[Any]:
-        """Return the only pipeline, with the passes above."""
+        """Return the only pipeline, which consists of `_PASSES`."""
         manager = _Passes("liftgate")
         for each in _PASSES:
             manager.add_pass(each, each.__name__)
@@ -213,7 +213,7 @@ class OutliningCompiler(HelperCompiler):
     is_outlined = True
 
     def define_pipelines(self) -> list[Any]:
-        """Return the pipeline for a function that is not to be inlined.
+        """Clear the flag `forceinline` and return the pipeline, for a function that is called, not inlined.
 
         Numba compiles a helper once for each set of its callers' flags: those on its stack at this point are the
         same for all, so that there is one.

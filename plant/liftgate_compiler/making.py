@@ -44,7 +44,7 @@ def make(
     helpers: set[Callable[..., Any]],
     outlined: set[Callable[..., Any]],
 ) -> Stored:
-    """Compile an entry point, with the helpers that it calls, for arguments of these kinds.
+    """Compile an entry point and its helpers for arguments of these kinds; return object file and result's kind.
 
     Helpers in `outlined` are called, not inlined. Raises what numba raises.
     """
@@ -53,7 +53,7 @@ def make(
     gc.disable()
     try:
         for each in helpers - {function} - _known_to_numba:
-            _teach(each, is_outlined=each in outlined)
+            _register_helper(each, is_outlined=each in outlined)
         arguments = tuple(numba_type(each) for each in kinds)
         dispatcher: Any = numba.njit(pipeline_class=linking.HelperCompiler, **OPTIONS)(function)
         dispatcher.compile(arguments)
@@ -63,7 +63,7 @@ def make(
             gc.enable()
 
 
-def _teach(helper: Callable[..., Any], is_outlined: bool) -> None:
+def _register_helper(helper: Callable[..., Any], is_outlined: bool) -> None:
     """Register a helper with numba, so that compiled code may call it."""
     pipeline = linking.OutliningCompiler if is_outlined else linking.HelperCompiler
     register_jitable(pipeline_class=pipeline, **OPTIONS)(helper)

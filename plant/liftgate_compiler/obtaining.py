@@ -82,7 +82,7 @@ _is_compiling = threading.Event()  # a thread of this process compiles
 def machine_code_of(
     function: Callable[..., Any], kinds: tuple[Kind, ...], stand_ins: StandIns | None = None
 ) -> MachineCode:
-    """Return machine code of `function` for arguments of these kinds, with Python functions in place of Systems.
+    """Return machine code of `function` for arguments of these kinds, in which `stand_ins` replace their Systems.
 
     Raises what numba raises, CompileError, and what the watcher raises.
     """

@@ -64,7 +64,7 @@ def _word(address: int) -> int:
 
 
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
-    """Return a function that packs arguments of these kinds, or returns None for arguments of others."""
+    """Return a function that packs arguments of these kinds into bytes, and returns None for other arguments."""
     code = _Packing()
     arguments = "".join(f"{code.add_argument(each)}, " for each in kinds)
     lines = [

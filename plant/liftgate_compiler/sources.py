@@ -26,7 +26,8 @@ _NAME = re.compile(r"[^\W\d]\w*")
 
 
 class Sources:
-    """Sources of `entry`: the compilable functions that it reaches, and all else that the hash covers.
+    """Registered functions that `entry` reaches, and texts on their files, code, types and constants, to be
+    hashed.
 
     The hash covers the text of each source file, the code as it was loaded (the file may have been edited since),
     the fields of each type, and the value of each constant. It contains no paths: it is the same wherever a

@@ -68,7 +68,7 @@ def drive_input(state: int, duty: float) -> DriveInput:
 
 
 class Coasting(NamedTuple):
-    """Behaviour of a coasting winding over a step.
+    """Current of a coasting motor through the diodes in a step: whether it lasts, otherwise its mean and restart.
 
     Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time. Otherwise the current ends inside
     the step and has contributed the mean `mean`; from `restart` [s] on the diodes hold `voltage`, against a
@@ -85,7 +85,7 @@ class Coasting(NamedTuple):
 def coasting(
     current: float, emf: float, resistance: float, inductance: float, limit: float, growth: float, step: float
 ) -> Coasting:
-    """Return the behaviour in a step of a winding with all switches off.
+    """Return how the diodes conduct in a step with all switches off, for a motor's current [A] and back-EMF [V].
 
     `emf` is the back-EMF [V], `limit` is V at the step's start, and `growth` [V] is how much the EMF's magnitude
     gains on that limit until its end, as long as there is no current.

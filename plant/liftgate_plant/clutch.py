@@ -39,7 +39,9 @@ GRIP = Slips(0.0, 0.0)
 
 @compilable
 def slipping(limit: float, force: float) -> float:
-    """Return the signed force [N] of a clutch that slips, as `force` without slip exceeds `limit`; 0: it grips."""
+    """Return a slipping clutch's force [N]: `limit` with the sign of a larger `force`; 0: it grips, or is
+    absent.
+    """
     return math.copysign(limit, force) if limit > 0.0 and abs(force) > limit else 0.0
 
 
@@ -52,7 +54,7 @@ def limited(limit: float, force: float) -> float:
 
 @compilable
 def push_through(slipping: float, push: LinearizedForce) -> LinearizedForce:
-    """Return the mean force on the gate over a step: the mechanism's, or `slipping` [N] of a clutch that slips."""
+    """Return the linearized mean force on the gate: the mechanism's, or a slipping clutch's constant one [N]."""
     return push if slipping == 0.0 else LinearizedForce(slipping, 0.0)
 
 

@@ -34,7 +34,7 @@ def constants_of(vehicle: Vehicle) -> Constants:
 
 
 def numbers_of(constants: Constants) -> dict[str, float]:
-    """Return all constants' numbers by path (`plant.left.spring.health`), in the order of the row."""
+    """Return all constants' numbers by path (`plant.left.spring.health`), in the order of `row_of`."""
     return dict(zip(_names(), row_of(constants).tolist(), strict=True))
 
 

@@ -13,7 +13,9 @@ from liftgate_plant.motor import phi_functions
 
 
 class Switching(NamedTuple):
-    """Effect of the bridge's switching on a motor's current, beyond its mean."""
+    """Effect of a bridge's switching: the motor current's ripple, and the source's current relative to its
+    mean.
+    """
 
     ripple: float  # A², mean square of the ripple
     above: float  # A, its highest value, relative to the mean
@@ -29,7 +31,7 @@ NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CurrentPath(NamedTuple):
-    """Course of a motor's current over a step, as its mean over a PWM period."""
+    """Course of a motor's current over a step, as its mean over a PWM period: a straight line plus D exp(−a t)."""
 
     start: float  # A
     end: float  # A
@@ -65,7 +67,7 @@ def charge_at(path: CurrentPath, time: float, step: float) -> float:
 
 @compilable
 def scaled(path: CurrentPath, factor: float) -> CurrentPath:
-    """Return a current's course multiplied by a factor."""
+    """Return a current's course multiplied by a factor, with the same switching."""
     return CurrentPath(
         factor * path.start,
         factor * path.end,

@@ -229,7 +229,7 @@ def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
 
 @compilable
 def at(inputs: Inputs, share: float) -> Inputs:
-    """Return the inputs at an instant of a step, given as share: 0 its start, 1 its end."""
+    """Return the inputs with the source voltage at an instant of a step, given as share: 0 start, 1 end."""
     load = inputs.load
     return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
 
@@ -264,7 +264,7 @@ def past_the_lines(plant: Plant, inputs: Inputs) -> Inputs:
 
 @compilable
 def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
-    """Return both drives' friction at the ambient temperature, relative to the nominal one at 20 °C."""
+    """Return both drives' friction relative to nominal at 20 °C: the inputs' factors times the temperature's."""
     ambient, given = inputs.load.ambient_temperature, inputs.frictions
     cold_l = transmission.temperature_factor(plant.left.friction_temperature, ambient)
     cold_r = transmission.temperature_factor(plant.right.friction_temperature, ambient)
@@ -321,7 +321,7 @@ def total_inertia(plant: Plant, load: Load) -> float:
 
 @compilable
 def spring_force(drive: Drive, link: Linkage, extended: float, ambient: float) -> float:
-    """Return F_F [N] of one drive at l_S = `extended`, without stops."""
+    """Return the force F_F [N] of one drive's spring at l_S = `extended`, without stops."""
     if drive.active == 0.0:
         return 0.0
     return spring.force(drive.spring, extended, link.stroke, ambient)
@@ -352,7 +352,7 @@ def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> flo
 
 @compilable
 def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
-    """Return the torque [N m] on an untwisted gate that has no kink in φ.
+    """Return the sum [N m] of all torques on an untwisted gate whose course over φ has no kink.
 
     It is the sum of springs (3.36, 4.8), weight, snow, wind, hand and external torque.
     """
@@ -494,7 +494,7 @@ def chopper_of(drive: Drive, resistance: float) -> Chopper:
 
 @compilable
 def fed_of(drive: Drive, state: DriveState, given: DriveInput, resistance: float) -> Fed:
-    """Return a drive's bridge on the source, with that resistance [Ω] in the motor's line.
+    """Return a drive's bridge with duty, back-EMF [V] and current [A], for a resistance [Ω] in the motor's line.
 
     The duty of a coasting motor is 0.
     """
@@ -554,7 +554,7 @@ def motor_voltage(
 
 @compilable
 def time_on_source(drive: Drive, duty: float) -> float:
-    """Return the share of the PWM period in which a current along the duty flows through the source."""
+    """Return the share of the PWM period in which current with the duty's sign flows through the source."""
     if drive.pwm_period > 0.0 and drive.freewheeling == FAST:
         return 1.0
     return abs(duty)

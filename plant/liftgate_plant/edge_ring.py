@@ -47,7 +47,7 @@ def edge_ring(size: int) -> EdgeRing:
 
 
 def edges_after(ring: EdgeRing, seen: int) -> Any:
-    """Return the edges (n,) EDGE of the ticks after the first `seen` edges, in the order of time, as a copy.
+    """Return a copy of the edges (n,) EDGE written after the first `seen` ones, in the order of time.
 
     Raises ValueError where the ring has lost some.
     """

@@ -51,7 +51,7 @@ class Electric(NamedTuple):
 
 
 class Around(NamedTuple):
-    """Voltages [V] that act on a coasting motor during a step.
+    """Changes of the voltages [V] on a coasting motor, by the other motor's current and its own speed.
 
     They are the drop of its terminal voltage by the other motor at the start, the rise of that drop over the
     step, and the rise of its own back-EMF without a current.
@@ -172,7 +172,7 @@ def drop_beside(
 def around(
     plant: Plant, state: State, inputs: Inputs, source: float, now_l: Course, now_r: Course, step: float
 ) -> tuple[Around, Around]:
-    """Return the voltages that act on the left and right motor if coasting; all 0 if neither coasts."""
+    """Return the voltage changes on the left and right motor if coasting; all 0 if neither coasts."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
         return ALONE, ALONE
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
@@ -215,7 +215,7 @@ def coasting_share(coast: Coasting) -> float:
 
 @compilable
 def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
-    """Return the effect of a bridge's switching on its motor's current, beyond the mean."""
+    """Return the Switching of a bridge that switches, at a duty and with the motor's periodic current waveform."""
     along = math.copysign(1.0, duty)
     above, below = now.high - now.mean, now.low - now.mean
     if along < 0.0:

@@ -47,7 +47,7 @@ def steady_torque(environment: Environment, wind_pressure: float, hand_force: fl
 
 @compilable
 def snow_torque(environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float) -> float:
-    """Return the closing torque [N m] of the snow's weight on the gate.
+    """Return the torque [N m] of the snow's weight on the gate; positive closes.
 
     The snow lies on the line from hinge to GP.
     """

@@ -131,5 +131,5 @@ def inertia(gate: GateParameters, link: Linkage) -> float:
 
 @compilable
 def weight_torque(moment: float, link: Linkage, angle: float, slope: float) -> float:
-    """Return the magnitude of the gate's weight torque M_W [N m] (3.24), by (3.26) with (3.21)."""
+    """Return a weight's torque M_W [N m] on the gate, positive closes (3.24), by (3.26) with (3.21)."""
     return moment * math.cos(angle + link.gravity_angle + slope)

@@ -214,7 +214,7 @@ def wiring_of(fault: HallFault) -> int:
 
 @outlined
 def see(hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing) -> None:
-    """Process an edge on a sensor's wire at `time` [s], with new levels `a` and `b`, in decoder and timer.
+    """Process an edge on a sensor's wire at `time` [s], with new levels `a`, `b`, in decoder, timer and ring.
 
     Where both levels have changed since the last edge, the decoder counts none.
     """

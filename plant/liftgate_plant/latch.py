@@ -157,7 +157,7 @@ def at_first(claw: Claw, latched: bool) -> LatchState:
 
 @compilable
 def hook_place(claw: Claw, state: LatchState) -> float:
-    """Return q [m], the distance from home to which the held claw lets the striker go."""
+    """Return the hook's position q [m]: how far from the closed position the claw holds the striker."""
     return claw.full if state.claw == FULL else claw.half - state.pull
 
 
@@ -200,7 +200,7 @@ def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> f
 
 @compilable
 def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """Return the speed [m/s] at which the cinching motor draws the hook home; negative: it returns."""
+    """Return the hook's cinching speed [m/s] home; negative: it returns; 0 unless the claw is half closed."""
     return pull_speed(claw, state, angle, cinched) if state.claw == HALF else 0.0
 
 
@@ -208,7 +208,7 @@ def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> f
 def mean_pull(
     claw: Claw, state: LatchState, angle: float, rate: float, rate_end: float, cinched: float, step: float
 ) -> float:
-    """Return the mean of dp/dt [m/s] over a step from an angle [rad], whose rate [rad/s] changes linearly.
+    """Return the cinching motor's mean dp/dt [m/s] in a step from a gate angle [rad] with a linear rate [rad/s].
 
     While the motor pulls, the hook is deflected by b, db/dt = ṡ + v_c − y b with y = v_c k_l/F_c, which is solved
     for the mean of ṡ: the hook yields to the motor, and the gate follows it.
@@ -231,7 +231,7 @@ def mean_pull(
 def pulled_force(
     claw: Claw, bent: float, rate: float, stiff: bool, step: float
 ) -> tuple[LinearizedForce, LinearizedForce]:
-    """Return the hook's mean force [N] over a step with a pulling cinching motor, and its final deflection [m].
+    """Return the hook's linear mean force [N] in a step while the cinching motor pulls, and final deflection [m].
 
     The hook yields to the motor; both results are linear in the striker's rate [m/s] at the end. The deflection b
     is that of `mean_pull`, for a linearly changing rate; as in `contact.push`, a stiff hook takes its force at the

@@ -125,7 +125,7 @@ def rotation(a: float, d: float, b: float) -> tuple[float, float, float, float]:
 def by_speeds(
     c: float, s: float, first: float, second: float, forcing: tuple[float, float], roots: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Return the derivatives of left and right current with respect to the left and right final speed.
+    """Return the derivatives of left and right current, mean or final, by the left and right final speed.
 
     `first` and `second` are a φ function of both modes, c and s their rotation, `forcing` that per final speed in
     modal coordinates, `roots` the square roots of the inductances.
@@ -204,7 +204,7 @@ def solve_windings(
 
 @compilable
 def restarted(winding: Winding, mean: float, restart: float, speed: float, step: float) -> Response:
-    """Return the current of a winding in which `winding.voltage` drives one from `restart` [s] of the step on.
+    """Return the Response of a winding in which `winding.voltage` drives a current from `restart` [s] on.
 
     Before that its current contributed the mean `mean` [A]. Speeds and voltages change linearly over the step.
     """

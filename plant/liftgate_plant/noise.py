@@ -24,7 +24,7 @@ def mix(x: int) -> int:
 
 @compilable
 def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
-    """Return normally distributed noise of a standard deviation; with 0 nothing is computed."""
+    """Return normally distributed noise of a standard deviation; 0.0 for a deviation of 0."""
     if deviation == 0.0:
         return 0.0
     return deviation * gaussian(seed, tick, channel)

@@ -185,7 +185,7 @@ def sensed_current(
     noise: float,
     when: Tick,
 ) -> tuple[MeanWindow, float]:
-    """Return the current [A] behind low-pass or averaging window, and the converter's reading of it [A].
+    """Return the low-pass's or averaging window's new state, and the converter's reading of the current [A].
 
     `turned` is the motion of the shaft before and after the tick.
     """

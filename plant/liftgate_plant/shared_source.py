@@ -315,7 +315,7 @@ def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
 
 @compilable
 def next_switch(now: float, period: float, on_left: float, on_right: float) -> float:
-    """Return the next switching time [s] in a period; the bridges are on until `on_left` and `on_right` [s]."""
+    """Return the next switching time [s] or the period's end; bridges are on until `on_left`, `on_right` [s]."""
     end = period
     if now < on_left:
         end = min(end, on_left)

@@ -93,7 +93,7 @@ def ideal_ripple(order: float) -> float:
 
 @compilable
 def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
-    """Return the current [A] driven through the winding by a ripple of the EMF, given as share of the EMF.
+    """Return the amplitude [A], signed as the speed, of the winding's current due to an EMF ripple, its share.
 
     For `order` commutations per turn it is share c2Φ n / √(R² + (2π order n L)²).
     """
@@ -196,7 +196,7 @@ def windowed(
     now: float,
     step: float,
 ) -> MeanWindow:
-    """Return the averaging windows of `length` [s] after a step that ends at `now` [s]."""
+    """Return the MeanWindow, for windows of `length` [s], after a step that ends at `now` [s]."""
     ended = math.floor(now / length + _SLACK)
     if ended == math.floor((now - step) / length + _SLACK):
         more = gathered_between(ripple, path, turning, 0.0, step, step)

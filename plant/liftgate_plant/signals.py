@@ -38,7 +38,9 @@ SUFFIXES: Mapping[str, str] = {
 
 
 class Signal(NamedTuple):
-    """A quantity over time; `low` and `high` are inclusive. Values of an enumeration are named: 0, 1, 2, …"""
+    """Description of a quantity over time; `low`, `high` are inclusive, `values` name 0, 1, … of an
+    enumeration.
+    """
 
     unit: str
     low: float

@@ -70,7 +70,7 @@ class StaticMap(NamedTuple):
 
 
 class SteadyTurning(NamedTuple):
-    """Both drives at one motor speed and full duty: motor torques [N m], currents [A], speed [rev/s]."""
+    """Both drives at one steady motor speed and duty: motor torques [N m], currents [A], speed [rev/s]."""
 
     speed: float
     currents: tuple[float, float]
@@ -130,7 +130,7 @@ def turning(rest: Rest, duty: float, speed: float = 0.0) -> SteadyTurning:
 
     They share the source's resistance (`motor.solve_windings`); windings and magnets are at ambient temperature.
     """
-    plant, cold = rest.plant, _cold(rest)
+    plant, cold = rest.plant, _resting_state(rest)
     left, right = (
         motor.Winding(
             resistance=dynamics.line_resistance(drive, cold),
@@ -165,7 +165,7 @@ def most_efficient(rest: Rest) -> SteadyTurning:
     middle = 0.5 * gate.angle_of_extension(plant.link, plant.link.stroke)
     own = frictions(rest, middle)
     best, most = turning(rest, 1.0), 0.0
-    idle = rest.load.supply_voltage / dynamics.emf_constant(plant.left, _cold(rest))
+    idle = rest.load.supply_voltage / dynamics.emf_constant(plant.left, _resting_state(rest))
     for speed in np.linspace(0.0, idle, _SPEEDS)[1:-1].tolist():
         now = turning(rest, 1.0, speed)
         drawn = rest.load.supply_voltage * sum(now.currents)
@@ -193,7 +193,8 @@ def margin(rest: Rest, torques: tuple[float, float], angle: float, along: float)
 
 
 def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> StaticMap:
-    """Return the StaticMap (margins for staying and starting) over slopes [rad], angles [rad] and supplies [V].
+    """Return the StaticMap (margins of moving by itself and starting) over slopes [rad], angles [rad], supplies
+    [V].
 
     The margins are those of `margin`. What the drives give does not depend on the slope, and what the gate asks
     for not on the voltage, so that each is evaluated once.
@@ -222,7 +223,7 @@ def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> St
     )
 
 
-def _cold(rest: Rest) -> DriveState:
+def _resting_state(rest: Rest) -> DriveState:
     """Return the state of a resting drive at ambient temperature."""
     ambient = rest.load.ambient_temperature
     return DriveState(0.0, 0.0, 0.0, ambient, ambient, ambient)

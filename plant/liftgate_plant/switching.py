@@ -102,7 +102,7 @@ def alone(fed: Fed, source: float, resistance: float) -> Course:
 
 @compilable
 def are_in_step(left: Fed, right: Fed) -> bool:
-    """Whether both bridges switch with the same period, or one of them is fully on."""
+    """Whether both bridges draw from the source, and switch with the same period or one of them is fully on."""
     if left.duty == 0.0 or right.duty == 0.0:
         return False
     if is_chopped(left) and is_chopped(right):

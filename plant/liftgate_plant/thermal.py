@@ -39,7 +39,7 @@ class Thermal(NamedTuple):
 
 @compilable
 def resistance_factor(thermal: Thermal, winding: float) -> float:
-    """Return the winding's resistance R/R_20 at a temperature [°C]."""
+    """Return the winding's relative resistance R/R_20 at a temperature [°C]; 1 if it does not heat up."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.copper_coefficient * (winding - 20.0))
@@ -47,7 +47,7 @@ def resistance_factor(thermal: Thermal, winding: float) -> float:
 
 @compilable
 def flux_factor(thermal: Thermal, housing: float) -> float:
-    """Return the magnets' flux Φ/Φ_20 at a housing temperature [°C]."""
+    """Return the magnets' relative flux Φ/Φ_20 at a housing temperature [°C]; 1 if the motor does not heat up."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.magnet_coefficient * (housing - 20.0))

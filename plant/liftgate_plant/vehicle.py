@@ -58,7 +58,7 @@ class Vehicle(NamedTuple):
 
 
 def drive_of(tables: DriveTables, active: bool) -> Drive:
-    """Return the constants of one drive.
+    """Return the constants of one drive from its tables; `active`: whether the gate has this drive.
 
     They include the play (3.5), travel and torque through gear and spindle (3.6, 3.9, 3.10), and the inertia of
     all rotating parts (4.4).

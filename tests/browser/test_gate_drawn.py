@@ -68,7 +68,7 @@ def test_pulling_the_drawn_gate_applies_a_hand_force_shown_in_data_and_drawing(p
 @pytest.mark.parametrize(
     "end", ["drawing.handles.grip.releasePointerCapture(1)", "find('hand').querySelector('.clear').click()"]
 )
-def test_a_held_hand_force_ends_with_its_pointer_or_a_click_on_clear(page: Any, end: str) -> None:
+def test_a_held_hand_force_ends_on_loss_of_the_pointer_or_a_click_on_clear(page: Any, end: str) -> None:
     release = drag(page, "#grip", 0, 80, 0.3)
     until(page, lambda _: value_of(page, "hand_force_n") < -20.0)
     page.execute_script(end)
@@ -82,7 +82,7 @@ def test_a_held_hand_force_ends_with_its_pointer_or_a_click_on_clear(page: Any, 
 
 
 def test_a_hand_force_by_keyboard_moves_the_gate(page: Any) -> None:
-    """The gate opens before, in real time."""
+    """The gate is opened first, in real time."""
     from selenium.webdriver import Keys
 
     before = value_of(page, "gate_angle_deg")
@@ -114,7 +114,7 @@ def test_a_timed_out_command_is_not_drawn_as_active(page: Any) -> None:
 
 
 def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> None:
-    """The gate closes onto it, in real time."""
+    """The gate closes onto the obstacle, in real time."""
     right, down = page.execute_script(WAY_OF_THE_ROD, 35.0)
     drag(page, "#rod", right, down).perform()
     until(page, lambda _: page.execute_script("return last.in_force.obstacle !== null"))

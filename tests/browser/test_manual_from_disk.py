@@ -48,7 +48,7 @@ def searched(browser: Any, manual: Path, query: str) -> list[dict[str, str]]:
     return found
 
 
-def test_searching_a_verdict_finds_its_explanation(browser: Any, manual: Path) -> None:
+def test_searching_the_manual_for_a_verdict_finds_its_explanation(browser: Any, manual: Path) -> None:
     first, *others = searched(browser, manual, "inconclusive")
     assert first["title"] == "What a verdict means"
     assert "Nothing may be concluded about the ECU" in first["excerpt"]

@@ -207,7 +207,7 @@ def test_a_refused_command_is_reported_with_the_allowed_values(page: Any) -> Non
     assert all(" 422 " in each for each in errors_in(page))
 
 
-def test_a_field_accepts_a_typed_number_unchanged_or_refuses_it(page: Any, address: str) -> None:
+def test_a_malformed_or_out_of_range_number_typed_into_a_field_is_refused(page: Any, address: str) -> None:
     from selenium.webdriver import Keys
     from selenium.webdriver.support.ui import Select
 

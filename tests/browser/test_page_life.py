@@ -52,7 +52,7 @@ limit = 5
 AXE = Path(__file__).parent / "vendor" / "axe.min.js"
 
 
-def test_the_page_shows_the_verdict_at_the_end_and_follows_the_next_run(browser: Any, tmp_path: Path) -> None:
+def test_a_separate_page_shows_the_end_of_a_run_and_the_next_runs_verdict(browser: Any, tmp_path: Path) -> None:
     passes = 'duration = 2.0\n[[expect]]\nname = "stays shut"\nalways = "gate_angle_deg < 5"\n'
     (tmp_path / "s.toml").write_text(passes, encoding="utf-8")
     with bench(tmp_path, "next", *ECU) as first, page_beside(first, tmp_path) as client:
@@ -73,7 +73,7 @@ def test_the_page_shows_the_verdict_at_the_end_and_follows_the_next_run(browser:
     assert errors_in(browser) == []
 
 
-def test_the_page_of_a_run_shows_its_verdict_and_reconnects_to_the_next_run(
+def test_the_page_served_by_a_run_keeps_its_verdict_until_the_next_run_serves_it(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A run of 8 s, in real time: the server ends with it, and the page waits, without errors in the console."""
@@ -149,8 +149,8 @@ def test_a_recordings_page_shows_the_pinch_and_plays_the_motion(browser: Any, tm
         assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
 
 
-def test_a_recordings_page_states_earlier_events_and_unknown_faults(browser: Any, tmp_path: Path) -> None:
-    """Ticks missed and a contact before it began, and a fault injected, of which it does not know which."""
+def test_a_recordings_page_states_an_earlier_peak_and_marks_unknown_values(browser: Any, tmp_path: Path) -> None:
+    """The rows hold missed ticks, a pinch peak before they begin, and `fault.injected`, which names no fault."""
     columns = "time_s,gate_angle_deg,pinch_force_n,pinch_force_peak_n,ticks_missed,fault.injected"
     rows = "".join(f"{5 + 0.01 * k!r},30,0,90,{870 + k // 50},1\n" for k in range(150))
     (tmp_path / "run.csv").write_text(f"{columns}\n{rows}", encoding="utf-8")
@@ -223,7 +223,7 @@ def test_scenarios_are_selected_started_and_stopped_on_the_page(browser: Any, tm
         assert errors_in(browser) == []
 
 
-def test_the_end_of_a_run_shows_peak_limit_and_each_message_once(browser: Any, tmp_path: Path) -> None:
+def test_the_end_of_a_run_zooms_to_the_pinch_peak_and_states_its_reason_once(browser: Any, tmp_path: Path) -> None:
     """A run of 5 s, in real time."""
     (tmp_path / "traps").mkdir()
     (tmp_path / "traps" / "rod.toml").write_text(TRAP, encoding="utf-8")
@@ -256,7 +256,7 @@ def test_the_end_of_a_run_shows_peak_limit_and_each_message_once(browser: Any, t
 def test_the_page_of_an_ended_run_shows_a_recording_served_next_at_its_address(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Such as a demo repeated on the free clock: same address, same token."""
+    """For example a demo repeated on the free clock: same address, same token."""
     monkeypatch.setenv("LIFTGATE_HIL_TOKEN", "a-token-that-stays-the-same")
     with bench_with_page(tmp_path, "own", *ECU) as client:
         opened(browser, client.address)

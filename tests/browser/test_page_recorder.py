@@ -30,7 +30,7 @@ def told(page: Any, pattern: str, name: str) -> list[float]:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "mf4"])
-def test_a_file_holds_the_rows_and_marks_between_the_clicks(page: Any, folder: Path, suffix: str) -> None:
+def test_a_recorded_file_holds_the_rows_and_marks_from_start_to_stop(page: Any, folder: Path, suffix: str) -> None:
     name = f"clicks.{suffix}"
     set_value(page, "#record-name", name)
     before = value_of(page, "time_s")

@@ -88,7 +88,7 @@ def test_fields_of_a_tuple_are_replaced_by_index():
         assert run(numbers, np.zeros(0, dtype=np.int64)) == numbers
 
 
-def test_nan_fields_are_taken_from_the_tuple_below():
+def test_an_overlay_takes_nan_fields_from_the_tuple_below():
     nan = np.nan
     for run in (laid_over, compiled(laid_over)):
         assert run(Numbers(nan, 2.0, nan), Numbers(4.0, 5.0, 6.0)) == Numbers(4.0, 2.0, 6.0)
@@ -356,7 +356,7 @@ print([{calls}])
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")
 def test_corrupted_machine_code_is_compiled_again(tmp_path: Path):
-    """Each entry point's in another way; compiled twice, so that this takes a while."""
+    """The file of each entry point is corrupted in another way; all are compiled twice, which takes a while."""
     expected = f"{[float(place) for place in range(len(SPOILS))]}\n"
     assert python(SEVERAL, *FOLDERS, cache=tmp_path) == expected
     files = sorted(tmp_path.rglob("*.code"))

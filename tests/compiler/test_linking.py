@@ -80,7 +80,7 @@ def made_code(function: Any) -> bytes:
     return b"".join(each.data() for each in sections if each.is_text())
 
 
-def test_helpers_shared_by_entry_points_are_inlined_without_remains():
+def test_helpers_shared_by_entry_points_are_inlined_and_leave_no_code_or_names_behind():
     assert compiled(diamond)(3.0) == diamond(3.0) == 35.0
     assert compiled(other_entry)(3.0) == other_entry(3.0)
     assert len(made_code(diamond)) < 1000
@@ -116,7 +116,7 @@ def test_outlined_code_is_a_separate_function():
         compiled(calling)(500.0)
 
 
-def test_an_exception_in_machine_code_is_reported_with_its_name():
+def test_an_exception_in_machine_code_is_reported_with_the_entry_points_name():
     with pytest.raises(RuntimeError, match="diamond raised an exception in machine code"):
         compiled(diamond)(1000.0)
     assert compiled(diamond)(3.0) == 35.0

@@ -154,7 +154,7 @@ def test_an_integer_in_place_of_a_float_is_converted():
 
 
 @pytest.mark.parametrize("bad", ["text", [1.0], {"a": 1}, object()], ids=lambda each: type(each).__name__)
-def test_unsupported_arguments_are_refused_by_name(bad: Any):
+def test_an_argument_of_an_unsupported_type_is_refused_with_the_name_of_its_type(bad: Any):
     with pytest.raises(TypeError, match=f"was given {type(bad).__name__}; allowed: int, float"):
         compiled(scaled)(bad, 2.0)
 
@@ -191,7 +191,7 @@ def item_of_spaced(at: int) -> float:
 
 
 @pytest.mark.parametrize("entry", [item_of_large, item_of_spaced], ids=lambda each: each.__name__)
-def test_machine_code_with_addresses_of_the_compiling_process_is_not_cached(entry: Any, cache: Path):
+def test_code_with_the_address_of_a_constant_array_is_refused_and_not_cached(entry: Any, cache: Path):
     with pytest.raises(TypeError, match="constant array by its address"):
         compiled(entry)(3)
     assert not list(cache.rglob("*.code"))
@@ -385,7 +385,7 @@ def test_a_compilation_can_be_cancelled(apart: None, impatient: None, cache: Pat
     assert told.said == ["compiles double"]
 
 
-def test_watchers_can_be_removed_in_any_order():
+def test_watchers_of_compilations_can_be_removed_in_any_order():
     first, second, before = NotingWatcher(), NotingWatcher(), obtaining.watcher()
     compiler.watch(first)
     compiler.watch(second)

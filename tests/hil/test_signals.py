@@ -39,7 +39,7 @@ from liftgate_plant.signals import SUFFIXES, Drives, Sensed, Surroundings, Truth
 ROWS = (Drives, Surroundings, Truth, Sensed)
 
 
-def test_each_name_is_unique() -> None:
+def test_each_signal_name_is_unique_in_every_table() -> None:
     """A dict made of several tables would hide a repetition."""
     panel = [bus_name(name, signal) for name, signal in signals_of(Surroundings).items()]
     inputs = [*Command._fields, *Rod._fields, *panel]
@@ -139,7 +139,7 @@ def test_ranges_are_not_empty_and_enumerations_name_all_values() -> None:
 
 
 def test_bus_quantities_keep_the_names_used_in_rig_files() -> None:
-    """These names stand in users' rigs."""
+    """Users' rig files contain these names."""
     assert BUS_OUTPUTS.keys() >= {
         "left_current", "left_hall_count", "left_hall_speed", "left_hall_a", "left_hall_b",
         "gate_angle", "latch_state", "terminal_voltage", "ambient_temperature",
@@ -163,7 +163,7 @@ def test_true_quantities_have_the_prefix_true_on_the_bus() -> None:
 
 
 def test_adding_a_sensor_does_not_change_the_meaning_of_an_existing_name() -> None:
-    """A quantity of the truth never has the plain name, which is reserved for a sensor."""
+    """A true quantity never has the plain name, which is reserved for a sensor."""
     sensed = {bus_name(name, signal): signal for name, signal in signals_of(Sensed).items()}
     for column, signal in signals_of(Truth).items():
         name = bus_name(column, signal)

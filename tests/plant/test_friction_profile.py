@@ -105,7 +105,7 @@ def test_friction_profiles_of_runs_differ_by_their_seed():
     assert profile_of(vehicle, 3).factor.tolist() == profile_of(vehicle, 3).factor.tolist()
 
 
-def test_no_friction_factor_falls_below_the_least_one():
+def test_friction_factors_stay_at_or_above_their_minimum():
     vehicle = ideal("friction.eccentricity=0.9", "friction.position_deviation=0.5")
     assert profile_of(vehicle).factor.min() >= LEAST
 

@@ -380,7 +380,7 @@ def test_no_edge_is_lost_or_seen_twice_however_bad_the_encoder(
 
 
 @pytest.mark.parametrize("position", np.arange(0.0, 3.0, 0.03125).tolist())
-def test_the_initial_step_lies_between_the_displaced_edges(position: float) -> None:
+def test_a_shaft_at_rest_between_displaced_edges_starts_without_a_false_edge(position: float) -> None:
     wheel = encoder(high=0.6, phase=0.13)
     halls = initial_halls(wheel, MotorShaft(position, 0.0), MotorShaft(position, 0.0))
     place, step = 4.0 * position + 0.5, int(halls[0].step)

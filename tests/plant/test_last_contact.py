@@ -109,7 +109,7 @@ def test_a_contact_ends_only_some_time_after_the_last_force() -> None:
     ("before", "after", "expected"),
     [(0, 50, 0.0), (150, 120, 1.0), (50, 150, 0.5), (150, 50, 0.5), (90, 130, 0.75), (100, 100, 0.0)],
 )  # fmt: skip
-def test_the_time_over_a_limit_counts_fractions_of_a_step(before: float, after: float, expected: float) -> None:
+def test_the_time_over_the_force_limit_is_interpolated(before: float, after: float, expected: float) -> None:
     assert time_over(before, after, LIMIT, 1.0) == pytest.approx(expected)
 
 

@@ -142,7 +142,7 @@ def latch_as_obstacles(vehicle: Vehicle, claw: float) -> tuple[Vehicle, Obstacle
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3])
 @pytest.mark.parametrize("claw", [HALF, FULL])
-def test_the_hook_acts_on_an_opening_gate_like_an_obstacle(claw: float, step: float):
+def test_the_hooks_force_on_an_opening_gate_equals_that_of_an_equivalent_obstacle(claw: float, step: float):
     """Obstacles themselves are compared with the event-located solution."""
     vehicle = built("latch.claw_force=0", "latch.damping=800")
     free, hook, _ = latch_as_obstacles(vehicle, claw)
@@ -155,7 +155,7 @@ def test_the_hook_acts_on_an_opening_gate_like_an_obstacle(claw: float, step: fl
         assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-9)
 
 
-def test_the_claws_spring_acts_on_a_closing_gate_like_an_obstacle():
+def test_the_claw_springs_force_on_a_closing_gate_equals_that_of_an_equivalent_obstacle():
     vehicle = built("latch.claw_force=400")
     free, _, spring = latch_as_obstacles(vehicle, OPEN)
     start = initial_state(plant_of(vehicle), 0.04)
@@ -265,7 +265,7 @@ def test_a_returning_hook_lets_the_gate_follow_at_its_speed():
     assert mean_pull(claw, state._replace(pull=6e-6), 0.0042, 0.0, 0.0, 0.0, 1e-3) == -0.006
 
 
-def test_the_force_on_a_gate_that_follows_the_hook_is_the_one_shown():
+def test_the_displayed_acceleration_of_a_gate_following_the_hook_agrees_with_its_step():
     """The gate's balance over a step includes the hook's returning speed: the displayed force pushes it out."""
     vehicle = built("latch.cinch=commanded", "latch.damping=5000")
     start = half_closed(vehicle)
@@ -296,7 +296,7 @@ def test_a_claw_caught_within_a_step_is_pulled_from_that_moment_on(above: float,
     assert pulls[step] == pytest.approx(pulls[1e-5], abs=0.2 * step * vehicle.latch.cinch_speed)
 
 
-def test_cinching_does_not_depend_on_the_step():
+def test_the_gates_path_during_cinching_converges_with_the_step():
     vehicle = built("latch.cinch=automatic")
     start = half_closed(vehicle)
     fine = go(vehicle, start, CLOSE, 0.4, 1e-5)[::100]
@@ -331,7 +331,7 @@ def test_the_cinching_motors_speed_falls_with_its_load_and_never_reverses():
     assert next_latch(CLAW, drawn._replace(pull=1e-6), 0.02, 0.02, -0.012, 0.0, 0.0, 1e-3).pull == 0.0
 
 
-def test_a_release_ends_the_cinching():
+def test_a_release_opens_the_claw_while_its_hook_is_cinched():
     state = HALF_CLOSED._replace(pull=0.004)
     for _ in range(60):
         state = next_latch(CLAW, state, 0.004, 0.004, 0.0, 0.0, 1.0, 1e-3)

@@ -32,7 +32,7 @@ def exact_way(stiffness: float, damping: float, bent: float, rate: float) -> flo
 @pytest.mark.parametrize("along", [1.0, -1.0])
 @pytest.mark.parametrize("rate", [0.05, 0.5])
 @pytest.mark.parametrize(("stiffness", "damping"), [(5e5, 4e3), (5e6, 4e4), (5e5, 1e5), (0.0, 3e5)])
-def test_a_slipping_clutch_keeps_the_mechanism_at_its_slip_force(stiffness, damping, rate, along):
+def test_the_slip_of_a_clutch_within_a_step_agrees_with_the_exact_solution(stiffness, damping, rate, along):
     bent = 0.9 * LIMIT / stiffness if stiffness else 1e-3
     slip = clutch.way(along * LIMIT, stiffness, damping, PLAY, along * (PLAY + bent), along * rate * STEP, STEP)
     expected = max(0.0, exact_way(stiffness, damping, bent, rate))
@@ -60,7 +60,7 @@ FORCE = 2.0 * math.pi * TORQUE / 0.010
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_a_stalled_drive_keeps_turning_through_its_clutch(step):
+def test_motors_keep_turning_at_the_open_stop_while_their_clutch_slips(step):
     """In the open stop the force is the clutch's, the motors keep turning, and the count drifts from the gate."""
     vehicle = suv(f"clutch.torque={TORQUE}")
     plant = plant_of(vehicle)
@@ -89,7 +89,7 @@ MECHANISMS = [(1e9, 4e3), (1e12, 0.0), (1e11, 4e3), (5e5, 1e8), (5e5, 3e6), (4e8
 
 @pytest.mark.parametrize("step", [1e-5, 1e-3, 5e-3])
 @pytest.mark.parametrize(("stiffness", "damping"), MECHANISMS)
-def test_a_clutch_works_with_mechanisms_of_any_stiffness(stiffness, damping, step):
+def test_a_reversal_with_a_clutch_ends_alike_for_mechanisms_of_any_stiffness(stiffness, damping, step):
     """A reversal in motion: the gate ends where one with a soft mechanism does, and currents stay bounded."""
     ends = {}
     for torque in (4.0, 900.0):
@@ -155,7 +155,7 @@ def test_the_cut_out_switches_a_stalled_motor_off_until_it_has_cooled():
     assert column(again, "left_current").max() > 10.0
 
 
-def test_the_trip_time_of_the_cut_out_agrees_with_its_equations():
+def test_the_temperature_of_the_cut_out_agrees_with_its_equations():
     """A blocked rotor, solved by scipy."""
     vehicle = suv("cutout.resistance=0.3", "cutout.capacity=0.1", "spindle.friction_force=1e5")
     plant = plant_of(vehicle)

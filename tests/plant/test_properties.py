@@ -145,7 +145,7 @@ def test_a_missing_drive_has_no_effect() -> None:
     assert not np.any(right)
 
 
-def test_the_plants_entry_points_compile() -> None:
+def test_the_compiler_is_enabled_for_the_tests_of_the_plant() -> None:
     assert compiled(fill) is not fill
 
 

@@ -154,7 +154,7 @@ def test_bridges_of_two_frequencies_affect_each_other_by_their_mean_currents(mod
     assert found.terminal < 0.02
 
 
-def test_an_averaged_bridge_sags_with_the_current_of_a_switched_one():
+def test_a_switched_bridge_lowers_the_terminal_voltage_of_an_averaged_one():
     """The equation of the averaged bridge: d (U − R_s drawn) = R i + e, with the current drawn by both."""
     vehicle = vehicle_at(Point([Bridge("diode", 0.4, 5e3, 5.0)] * 2, 12.0, 0.2))
     mean = vehicle.right._replace(bridge=vehicle.right.bridge._replace(pwm_frequency=0.0))

@@ -59,7 +59,7 @@ def test_the_static_torques_add_up_to_that_of_the_plant() -> None:
     assert found.right_spring == pytest.approx(0.5 * found.left_spring)
 
 
-def test_without_snow_and_hand_only_the_weight_closes() -> None:
+def test_the_static_weight_torque_follows_the_slope_and_no_surroundings_add_to_it() -> None:
     rest = statics.rest_of(suv("environment.road_slope_deg=5"))
     angles = np.radians([0.0, 30.0, 80.0])
     found = statics.balance_over(rest, angles)
@@ -69,7 +69,7 @@ def test_without_snow_and_hand_only_the_weight_closes() -> None:
     assert found.around == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_holding_band_is_the_torque_that_friction_holds_in_either_direction() -> None:
+def test_margins_without_motors_are_the_net_torque_less_the_holding_band() -> None:
     rest = statics.rest_of(suv("gate.hinge_friction=3", "spindle.load_friction=0.1"))
     found = statics.balance_over(rest, np.radians([2.0, 40.0]))
     for k, angle in enumerate(found.angles.tolist()):

@@ -166,7 +166,7 @@ def test_a_gate_left_alone_stays_exactly_where_it_is(name: str, slope: float, co
 
 @every_slope
 @every_vehicle
-def test_the_seal_overcomes_the_drives_of_a_closed_gate(name: str, slope: float) -> None:
+def test_the_seal_overcomes_the_holding_friction_of_a_closed_gate(name: str, slope: float) -> None:
     law = plant(name).left.friction
     hinge = plant(name).hinge.coulomb / gate.lever(plant(name).link, 0.0)
     holding = friction_force(name) * law.static_ratio + hinge

@@ -77,7 +77,7 @@ def test_the_gates_inertia_can_be_specified(suv: dict[str, Any]) -> None:
     assert Geometry(suv["gate"]).inertia == 7.5
 
 
-def test_the_reference_solution_reproduces_the_printed_table(suv: dict[str, Any]) -> None:
+def test_the_reference_solution_reproduces_the_table_of_an_opening(suv: dict[str, Any]) -> None:
     times = np.array([0.002, 0.050, 0.200, 1.0, 3.0, 5.0, 6.0])
     s = solve(suv, [both(6.0, OPEN)], times, tolerance=1e-9)
     rows = [

@@ -86,7 +86,9 @@ LIGHT = [  # of a gate of 0.2 kg, whose spindles a force holds that their dampin
 
 @pytest.mark.parametrize("step", [5e-5, 1e-3, 5e-3])
 def test_a_light_gate_at_rest_is_not_spun_up_by_its_own_friction(step: float) -> None:
-    """Each sliding direction of the spindles implied the other, and no iteration ended that (10,263 rev/s)."""
+    """Each sliding direction of the spindles once implied the other, and the solver did not converge (10,263
+    rev/s).
+    """
     vehicle = suv(*LIGHT)
     start = at_rest(vehicle, 5.371)
     rows = fast_run(plant_of(vehicle), start, inputs(vehicle, BRAKE), step, round(0.3 / step))

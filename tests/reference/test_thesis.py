@@ -119,7 +119,7 @@ def test_the_spring_torque_agrees_with_its_cross_product(angle_deg: float) -> No
 
 
 @ANGLES
-def test_motor_gear_and_spindle_speeds_have_the_thesis_ratios(angle_deg: float) -> None:
+def test_motor_turns_and_actuator_extension_have_the_thesis_ratio(angle_deg: float) -> None:
     vehicle = lifted()
     state = at_rest(vehicle, angle_deg)
     gear_turns = state.left.position / RATIO

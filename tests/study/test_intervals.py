@@ -20,7 +20,7 @@ def rms(z: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
-def test_errors_match_the_standard_deviations(model: str) -> None:
+def test_errors_of_identified_parameters_match_their_standard_deviations(model: str) -> None:
     z = many_seeds.of_white_noise(model, seeds(25))
     assert np.abs(z).max() < 3.5
     if SHORT:
@@ -34,7 +34,7 @@ def test_errors_match_the_standard_deviations(model: str) -> None:
     assert np.std(z, axis=0).max() < 1.4
 
 
-def test_hall_counts_are_compared_at_their_edges_only() -> None:
+def test_comparing_hall_counts_at_their_edges_gives_unbiased_parameters() -> None:
     edges, naive = many_seeds.of_hall_counts(seeds(15))
     assert np.abs(edges).max() < 3.0
     if SHORT:
@@ -53,7 +53,7 @@ def test_correlated_residuals_widen_the_standard_deviations_to_the_size_of_the_e
     assert np.std(classic) > 2.0
 
 
-def test_errors_match_the_standard_deviations_when_timestamps_scatter() -> None:
+def test_errors_of_identified_parameters_match_their_deviations_when_timestamps_scatter() -> None:
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, seeds(16))
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)

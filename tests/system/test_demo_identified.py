@@ -125,6 +125,6 @@ def test_timestamps_off_by_up_to_a_tick_widen_the_uncertainty(
     assert max(wider) > 1.5
 
 
-def test_a_log_of_a_foreign_database_gives_the_same_result(tmp_path: Path) -> None:
+def test_an_identification_from_a_log_of_a_foreign_database_gives_the_true_vehicle(tmp_path: Path) -> None:
     path = recorded(tmp_path / "foreign", "--rig", str(FOREIGN), asked=FEW, duration=8.4)
     identified(path, "--rig", FOREIGN)

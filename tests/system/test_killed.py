@@ -70,7 +70,7 @@ def run_beside(other: str, *records: Path) -> int:
     )  # fmt: skip
 
 
-def test_a_run_whose_recorder_was_killed_goes_on_and_reports_the_lost_time(
+def test_a_run_whose_recorder_was_killed_goes_on_and_reports_the_ended_recordings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, table = tmp_path / "a.log", tmp_path / "a.csv"
@@ -94,7 +94,7 @@ def test_a_run_whose_recorder_was_killed_goes_on_and_reports_the_lost_time(
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".log"])
-def test_on_a_full_disk_a_run_goes_on_and_reports_the_lost_time(
+def test_on_a_full_disk_a_run_goes_on_and_reports_when_the_recording_ended(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path, good = tmp_path / f"full{suffix}", tmp_path / "good.log"

@@ -121,7 +121,7 @@ def test_the_tests_shown_on_a_page_pass(number: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(of_kind("toml"))))
-def test_every_toml_block_loads(number: int, tmp_path: Path) -> None:
+def test_every_toml_block_of_the_manual_loads(number: int, tmp_path: Path) -> None:
     block = of_kind("toml")[number]
     content = tomllib.loads(block.text)
     path = tmp_path / "file.toml"
@@ -164,7 +164,7 @@ def test_commands_shown_for_other_ci_systems_run(tmp_path: Path) -> None:
         assert names == ["junit.xml", "report.html", "verdicts.json"]
 
 
-def test_no_block_of_another_kind_contains_commands() -> None:
+def test_commands_in_the_manual_are_only_in_blocks_that_the_tests_run() -> None:
     """Lines that begin with a program of this machine are commands, but in a script, which a test runs."""
     others = [
         block
@@ -178,7 +178,7 @@ def test_no_block_of_another_kind_contains_commands() -> None:
     assert found.keys() <= {"time", "kubectl"}, found  # a row of the panel; what needs a cluster
 
 
-def test_no_plain_block_contains_python() -> None:
+def test_no_plain_or_text_block_of_the_manual_contains_python() -> None:
     known = {"commands", "python", "toml", "text", "plain", "c", "yaml", "groovy", "dockerfile", "sh", "{toctree}"}
     for blocks in BLOCKS.values():
         for block in blocks:

@@ -202,7 +202,7 @@ def test_recordings_are_replayed_onto_a_bus(folder: Path, bus: dict[str, str]) -
 
 
 @pytest.mark.realtime
-def test_a_run_is_recorded_with_a_trigger(folder: Path, bus: dict[str, str]) -> None:
+def test_a_run_recorded_with_a_trigger_reports_that_it_never_came(folder: Path, bus: dict[str, str]) -> None:
     told = run(command("liftgate-hil --bus socketcan:can0 --record trapped.mf4"), folder, bus, SHORT)
     assert "recorded only around the trigger, which never came" in told
     assert (folder / "trapped.mf4").is_file()

@@ -64,7 +64,6 @@ def pack() -> dict[str, Case]:
 
 
 def test_the_reference_ecu_passes_every_scenario_of_the_pack() -> None:
-    """Every scenario of the pack once."""
     assert len(pack()) >= 25
     done = {name: suite.run_case(case) for name, case in pack().items()}
     assert {name: each.verdict for name, each in done.items() if each.verdict != "pass"} == {}
@@ -98,7 +97,7 @@ def test_faults_waiting_for_the_gate_last_as_long_if_the_gate_is_late(tmp_path: 
 
 
 def test_an_ecu_that_stops_without_reversing_fails_the_reversal_expectations() -> None:
-    """A rod also moves the gate, by pushing it back."""
+    """Movement alone is no reversal: the obstacle pushes the gate back, too."""
     turning = {
         name: case
         for name, case in pack().items()
@@ -117,7 +116,7 @@ def mutated(case: Case, mutant: str) -> Case:
     return replace(case, plan=case.plan.varied(replace(case.job, mutant=mutant)))
 
 
-def test_every_mutant_is_killed_by_a_scenario() -> None:
+def test_every_mutant_has_a_scenario_named_to_kill_it() -> None:
     assert set(KILLERS) == set(MUTANTS)
 
 

@@ -70,7 +70,7 @@ def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tu
 
 
 @needs_compiler
-def test_the_ecu_in_c_reports_a_missing_gate_and_a_missing_line(ecus: tuple[Path, Path]) -> None:
+def test_the_ecu_in_c_exits_with_1_without_a_gate_and_with_2_without_a_line(ecus: tuple[Path, Path]) -> None:
     with serial_line() as (_, theirs):
         assert exit_code(str(ecus[1]), theirs, "0.1") == 1
     for ecu in ecus:

@@ -78,7 +78,7 @@ class Answering:
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_shipped_scenarios_pass_in_every_loop_and_from_recordings(tmp_path: Path, name: str) -> None:
+def test_shipped_trouble_code_scenarios_pass_free_lockstep_and_from_recordings(tmp_path: Path, name: str) -> None:
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     free = lh.run(name, record=files)
     assert free.verdict == "pass", free.expectations

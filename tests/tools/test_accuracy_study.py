@@ -22,14 +22,13 @@ def test_a_random_vehicle_meets_the_accuracy_limits(number: int) -> None:
     assert found.warmth < 0.01
 
 
-def test_cases_of_the_study_are_repeatable_and_all_different() -> None:
+def test_cases_of_the_study_are_repeatable_and_differ_by_their_number() -> None:
     assert case(3) == case(3)
     assert case(3) != case(4)
     assert vehicle_of(case(3).vehicle, "case 3") == vehicle_of(case(3).vehicle, "case 3")
 
 
 def test_the_studys_cases_cover_all_options() -> None:
-    """All options that the study states."""
     cases = [case(number) for number in range(40)]
     phases = [phase for each in cases for phase in each.phases]
     tables = [each.vehicle for each in cases]

@@ -13,7 +13,7 @@ from tools.anti_trap.trials import Car, Trial, run
 GAPS = (0.3, 4.0, 30.0, 65.0)  # deg
 
 
-def test_with_a_learned_gate_the_ecu_reverses_before_the_limit_and_without_false_alarms() -> None:
+def test_with_a_learned_gate_the_ecu_reverses_below_the_force_limit_without_false_alarms() -> None:
     done = run(Car("suv"), Trial(free=2, gaps=GAPS), Calibration())
     assert done.false == done.missed == 0
     assert 10.0 < max(done.peaks) < LIMIT
@@ -22,7 +22,7 @@ def test_with_a_learned_gate_the_ecu_reverses_before_the_limit_and_without_false
     assert max(done.speeds) > 0.2
 
 
-def test_narrow_limits_give_false_reversals_and_wide_ones_larger_forces() -> None:
+def test_narrow_anti_trap_limits_give_false_reversals_and_wide_ones_larger_forces() -> None:
     own, car = Calibration(), Car("suv")
     narrow = run(car, Trial(free=3), widened(own, 0.2))
     assert narrow.false > 0

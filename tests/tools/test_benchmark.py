@@ -56,8 +56,8 @@ def test_the_whole_benchmark_runs_to_its_end(tmp_path: Path) -> None:
     assert (tmp_path / "benchmark.png").stat().st_size > 10_000
 
 
-def test_the_short_benchmark_shortens_every_length() -> None:
-    """Each length of the benchmark needs a short one."""
+def test_the_short_benchmark_shortens_every_setting() -> None:
+    """Each setting of the benchmark needs a smaller value for the short run."""
     same = [name for name in WHOLE._fields if getattr(WHOLE, name) == getattr(SHORT, name)]
     assert same == []
     assert len(lateness.CONDITIONS) > (SHORT.conditions or 0)
@@ -75,7 +75,7 @@ def test_an_error_in_the_benchmarks_loop_thread_is_reported(monkeypatch: pytest.
         costs.hot_tick(None, SHORT)
 
 
-def test_start_up_times_without_a_cold_round_are_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_up_times_without_a_cold_round_have_no_cold_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "times_of", lambda *_, **__: processes.Times(1.0, 2.0))
     (found,) = processes.compile_times(["--help"], [HERE], SHORT).values()
     assert found == processes.Compile(None, processes.Times(1.0, 2.0))

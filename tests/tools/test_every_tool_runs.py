@@ -177,7 +177,7 @@ def motor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_a_motor_of_known_truth_is_found_as_the_public_one_is(motor: Path, tmp_path: Path) -> None:
+def test_the_study_of_a_public_motor_finds_the_parameters_of_a_simulated_one(motor: Path, tmp_path: Path) -> None:
     """With the vehicle file that stands for a motor alone."""
     found = dc_motor.measure(motor, tmp_path)
     assert found.gain[0] == pytest.approx(GAIN, rel=0.005)

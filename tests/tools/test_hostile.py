@@ -37,7 +37,7 @@ def test_corrupt_files_are_refused_or_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_signals_at_any_moment_end_every_command_in_order(tmp_path: Path) -> None:
+def test_signals_at_any_moment_end_every_command_cleanly(tmp_path: Path) -> None:
     """Each command once, a process that begins with an empty cache now and then."""
     done = campaign(tmp_path, "--files", "0", "--measurements", "0", "--recordings", "0", "--signals", "9")
     assert done.returncode == 0, done.stdout + done.stderr

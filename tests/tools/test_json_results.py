@@ -87,7 +87,7 @@ def test_each_json_key_is_documented_once_with_a_meaning() -> None:
         assert all(each.keys.values())
 
 
-def test_counts_and_verdicts_have_the_keys_of_their_records() -> None:
+def test_the_documented_counts_of_received_frames_and_link_are_those_of_their_records() -> None:
     assert [*LINK.keys] == [*LinkCounts._fields]
     received = [key.partition(".")[2] for key in RUN.keys if key.startswith("received.")]
     assert received == [*Counts._fields]

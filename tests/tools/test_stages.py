@@ -94,7 +94,7 @@ def test_a_stage_waits_for_those_that_it_needs_in_other_lanes(told: Told, monkey
     assert order.index("bad ends") < order.index("good begins")
 
 
-def test_a_file_exists_while_a_timed_stage_runs_and_only_the_others_know_its_name(
+def test_the_other_stages_can_see_by_a_file_whether_a_timed_stage_is_running(
     bench: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     look = 'echo "$2 is told $LEAVE_A_CPU_WHILE"; ls "$LOGS"\n'

@@ -23,7 +23,7 @@ def unavailable(*_: object) -> None:
     raise process.UnavailableError("this is a test")
 
 
-def test_the_reason_for_a_missing_machine_is_one_line(
+def test_the_reasons_why_no_machine_has_a_vcan_are_on_one_line(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(vcan, "native_prefix", unavailable)
@@ -111,7 +111,7 @@ finally:
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="not x86-64")
-def test_reading_more_registers_than_the_kernel_knows_succeeds(tmp_path: Path) -> None:
+def test_user_mode_linux_can_set_registers_with_fewer_bytes_than_the_processor_has(tmp_path: Path) -> None:
     whole = uml.with_whole_registers(tmp_path)
     command = [sys.executable, "-c", _TRACER]
     environment = {**os.environ, **whole}

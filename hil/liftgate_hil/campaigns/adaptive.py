@@ -40,7 +40,7 @@ class Evaluated(NamedTuple):
 
 
 class Evaluations:
-    """Evaluator of one expectation's margins for varied values, each variant only once; has all in `history`."""
+    """Evaluator of one expectation's margins; evaluates each variant only once, and keeps all in `history`."""
 
     def __init__(self, campaign: Campaign, expectation: str) -> None:
         self._campaign, self._expectation = campaign, expectation
@@ -121,7 +121,7 @@ class Probability(NamedTuple):
 def estimate_probability(
     campaign: Campaign, space: Space, expectation: str, budget: int, seed: int
 ) -> Probability:
-    """Estimate an expectation's failure probability; a tenth of `budget` evaluations searches its regions."""
+    """Estimate an expectation's failure probability; the first tenth of `budget` searches for failure regions."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = budget
     searching = int(SEARCH_SHARE * budget)
@@ -151,7 +151,7 @@ def share_below(points: Floats) -> Floats:
 
 
 def pockets_of(failing: Floats) -> Floats:
-    """Return the failing points nearest the origin, one per direction, up to MOST_POCKETS (k, d) of all (n, d)."""
+    """Return at most MOST_POCKETS failing points (k, d), nearest the origin first, each in another direction."""
     distances = np.linalg.norm(failing, axis=1)
     kept: list[Any] = []
     for place in np.argsort(distances, kind="stable"):

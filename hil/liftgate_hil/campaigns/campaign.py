@@ -93,7 +93,9 @@ class Campaign:
         yield from self.tables(batches[place:])
 
     def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
-        """Evaluate batches not stored yet; yield sets of stored names: first all found, then each as done."""
+        """Evaluate missing batches; yield names: all stored ones, then each new one. Raises
+        CampaignStoppedError.
+        """
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)

@@ -31,7 +31,7 @@ from liftgate_hil.report.provenance import Provenance, provenance_of
 def run_parts(
     file: CampaignFile, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> list[CampaignOutcome]:
-    """Run the campaigns of a campaign file one after the other, and write one combined report.
+    """Run the campaigns of a file one after the other, write one combined report, and return their outcomes.
 
     After a stop the last outcome is not complete, and there are no later ones. Raises as `run_campaign`.
     """
@@ -97,7 +97,7 @@ class CampaignResult(DescribedResult):
     @property
     def campaigns(self) -> Annotated[tuple[CampaignFigures, ...], Shown("figures of the campaign, or of each "
         "part")]:
-        """Figures of the campaign, or of each part."""
+        """Statistics of the campaign, or of each part."""
         return tuple(each.figures for each in self.outcomes)
 
 

@@ -261,7 +261,7 @@ class Evaluator:
         trial.spent += time.perf_counter() - began
 
     def _judged(self, trial: _Trial) -> Row:
-        """Judge a variant that has run, and return its result row."""
+        """Judge a trial; return its result row: an error row on an error, inconclusive if it was given up."""
         began, judge = time.perf_counter(), trial.judge
         verdicts: Sequence[Verdict] = ()
         if judge is not None:

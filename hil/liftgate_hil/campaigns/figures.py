@@ -15,7 +15,7 @@ from liftgate_hil.signals import COLUMN_PLACE
 
 
 class Figures(NamedTuple):
-    """Key figures of a run; NaN: undefined, as nothing was pinched or the gate did not reverse.
+    """Key figures of a run; NaN: undefined, e.g. where nothing was pinched or the gate did not reverse.
 
     Figures of a pinch are of the contact with the largest force; see `report.pinch`.
     """

@@ -64,7 +64,8 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self) -> Iterator[bool]:
-        """Context that locks the folder for one campaign; yields whether it could. Raises ConfigError if locked.
+        """Context that locks the folder; yields whether locks exist. Raises ConfigError if another campaign has
+        it.
 
         Yields False where the file system has no locks. The kernel releases the lock when the process that took it
         ends, however it ends: a campaign with the lock knows that those that held it before have ended.
@@ -157,7 +158,9 @@ class Folder:
             raise StoreError(f"{self.path / name}: {reason_of(error)}") from error
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
-        """Write result tables, in order, as one Parquet file; return the number of rows. Raises StoreError."""
+        """Write result tables as one Parquet file (no tables: no file); return the row count. Raises
+        StoreError.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 

@@ -74,7 +74,7 @@ def prepared(request: CampaignRequest) -> Prepared:
 
 
 def units_of(found: Prepared) -> dict[str, str]:
-    """Return the unit of each varied name, in order; "": none, or unknown."""
+    """Return the units by varied name, in order; "": none, or unknown."""
     return {each.name: each.unit for each in found.space.targets}
 
 

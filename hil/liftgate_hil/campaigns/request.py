@@ -88,7 +88,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
             raise ConfigError(issues)
 
     def kept(self) -> dict[str, Any]:
-        """Return the values that determine the results, for JSON; those not given are as in `_NOT_GIVEN`."""
+        """Return the values that determine the results, for JSON; None becomes the `_NOT_GIVEN` value, if any."""
         values = {**self.to_dict(), "parameters": self.parameter_values, "kind": self.kind}
         values["expectation"] = self.expectation
         found = {name: _NOT_GIVEN.get(name) if values[name] is None else values[name] for name in _KEPT}

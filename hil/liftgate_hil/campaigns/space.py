@@ -327,7 +327,7 @@ class Design:
         return bool(self._samples) or is_random
 
     def values(self, first: int, count: int) -> Floats:
-        """Return the values (n, d) of `count` points of the design from number `first` on."""
+        """Return values (n, d) of up to `count` points of the design from number `first`; fewer at its end."""
         place = np.arange(first, min(first + count, self.count))
         found: dict[str, Floats] = {}
         for axis in reversed(self._fast):

@@ -53,7 +53,8 @@ NOTHING = Analysis({}, ())
 
 
 def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
-    """Run the search or the probability estimate of a request; of a design only list the batches, see `tables`.
+    """Run a request's search or estimate and return its findings; of a design, only list the batches, see
+    `tables`.
 
     Raises CampaignStoppedError, StoreError, LiftgateError.
     """
@@ -109,7 +110,7 @@ def tables(found: Prepared, campaign: Campaign) -> Iterator[pa.Table]:
 
 
 def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
-    """Yield the result tables of a stopped campaign; variants that were not evaluated are error rows.
+    """Yield a stopped campaign's tables, variants not evaluated as error rows; set `progress.done` to the others.
 
     Of very many, those beyond MOST_UNFINISHED are left out: their number is in campaign.json.
     """
@@ -129,7 +130,7 @@ def unfinished(campaign: Campaign) -> Iterator[pa.Table]:
 def evaluate_against(
     found: Prepared, campaign: Campaign, folder: Folder, executor_of: Callable[[Base], Executor]
 ) -> Analysis:
-    """Evaluate the same variants with the second ECU, write the results, and compare. Raises as `evaluate`."""
+    """Evaluate the variants with the second ECU, write results, return the comparison. Raises as `evaluate`."""
     base = found.against
     assert base is not None
     executor = executor_of(base)

@@ -65,7 +65,7 @@ def run(call: Call) -> int:
 
 @contextlib.contextmanager
 def _ended_in_order(stop: StopSignals) -> Iterator[None]:
-    """Context in which a LiftgateError, ConfigError excepted, after a stop signal gets that signal's exit code."""
+    """Context that raises a LiftgateError (no ConfigError) again with the exit code of a preceding stop signal."""
     from liftgate_hil.campaigns.store import KEPT, StoreError
 
     try:

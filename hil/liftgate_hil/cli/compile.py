@@ -58,7 +58,7 @@ def run(call: Call) -> int:
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Return the compiled function of an entry point, by its name."""
+    """Return the function to be compiled that ENTRY_POINTS lists by this name."""
     from liftgate_hil.drive.compilation import ENTRY_POINTS
 
     function: Callable[..., Any] = getattr(importlib.import_module(ENTRY_POINTS[name][1]), name)

@@ -72,7 +72,7 @@ def run(call: Call) -> int:
 
 
 class _Demo:
-    """The demo: a run, and in real time a second one if the machine was too busy; judged only if `is_whole`."""
+    """The demo: a run, if too slow repeated on the free clock (not with a bus); judged only if `is_whole`."""
 
     def __init__(self, call: Call, request: RunRequest, is_whole: bool, stopped: StopSignals) -> None:
         self._call, self._is_whole = call, is_whole
@@ -88,7 +88,9 @@ class _Demo:
         )
 
     def _made_files(self, request: RunRequest) -> list[Path]:
-        """Return the paths of the demo's own recordings in its folder, which is created. Raises ConfigError."""
+        """Return the paths of the demo's recordings, create their folder; [] if `no_record`. Raises
+        ConfigError.
+        """
         files = self._files
         if (request.serial is None) != (files.ecu_serial is None):
             raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")

@@ -47,7 +47,7 @@ class Formatter(argparse.RawDescriptionHelpFormatter):
 
 
 def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str = "") -> None:
-    """Arrange the help of a command whose arguments have been added; `more` stands before its examples."""
+    """Group a command's added arguments by subject in its help; set usage and epilog: `more`, then examples."""
     flags = parser._optionals
     needs = parser._positionals
     subject = ""

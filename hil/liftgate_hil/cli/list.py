@@ -53,5 +53,5 @@ def run(call: Call) -> int:
 
 
 def _begins(name: str, prefix: str) -> bool:
-    """Whether a name, or its part after the set or the word `mutant`, begins with a prefix."""
+    """Whether a name, or its part after the first slash or colon, as in `mutant:NAME`, begins with a prefix."""
     return any(each.startswith(prefix) for each in (name, name.replace(":", "/").partition("/")[2]) if each)

@@ -46,7 +46,7 @@ class Parser(argparse.ArgumentParser):
     on_error: Callable[[str], None] | None = None  # called with an error before it is printed
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage error and exit with code 2."""
+        """Pass the usage error to `on_error`, if set, print it, and exit with code 2."""
         start, _, unknown = message.partition("unrecognized arguments: ")
         if not start and unknown.startswith("-"):
             flag = unknown.split()[0].partition("=")[0]
@@ -75,7 +75,7 @@ class ShowVersion(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line (None: this process's); return the exit code: 0 done, 1 failed, 2 wrong usage."""
+    """Run a command line; return 0: done, 1: failed, 2: misuse or `test` error, 3: inconclusive, 128 + signal."""
     streams.prepare()
     try:
         if argv is None:  # the program owns this process

@@ -69,7 +69,7 @@ def _check(file: str, call: Call) -> None:
     else:
         lines = _lines(found.messages)
         lines += [f"restbus {name}; protection: {how}" for name, how in found.restbus_protection.items()]
-        lines += _asked(found.diagnostics)
+        lines += _diagnostics_lines(found.diagnostics)
         lines += [f"request {action} on a bus: {how}" for action, how in found.requests.items()]
         lines += [f"inject {what} by {how}" for what, how in found.inject.items()]
         lines += [f"note: {note}" for note in found.notes]
@@ -105,7 +105,7 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
     return lines
 
 
-def _asked(own: Diagnostics | None) -> list[str]:
+def _diagnostics_lines(own: Diagnostics | None) -> list[str]:
     """Return a list with the line on how the ECU's trouble codes are read; empty without [diagnostics]."""
     from liftgate_hil.codec.frames import EXTENDED
 

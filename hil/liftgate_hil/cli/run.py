@@ -122,7 +122,7 @@ class ShownRun(NamedTuple):
         raise self.stopped.failure(result.reason)
 
     def exit_code(self, result: Result) -> int:
-        """Return the exit code of a run that was not stopped; print the reason unless it is 0."""
+        """Return the exit code for how a run has ended; print the reason unless it is 0."""
         code = self.exit_codes[result.ending]
         if code and result.reason:
             print(f"liftgate-hil: {as_flags(result.reason)}", file=sys.stderr)

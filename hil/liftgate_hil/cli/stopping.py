@@ -68,7 +68,7 @@ class StopSignals:
         return 128 + self.received
 
     def end_machine_code(self) -> None:
-        """End the process from another thread if it has not ended by itself some time after a signal.
+        """Start a thread that ends the process if it has not ended by itself 1.5 s after a stop signal.
 
         While an ECU's machine code hangs in this thread, no Python signal handler can run.
         """
@@ -96,7 +96,7 @@ class StopSignals:
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S, _LOOK_S)
 
     def _look(self, number: int, frame: FrameType | None) -> None:
-        """Abort a call of the ECU's Python code that has not returned since the last check."""
+        """Handle the timer: raise NoAnswerError in ECU Python code that has not returned since the last check."""
         call = FOREIGN.call()
         if call and call == self._call:
             raise NoAnswerError

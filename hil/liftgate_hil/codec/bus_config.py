@@ -211,7 +211,7 @@ def _check_overlap(
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
-    """Note an issue where a sent signal carries two quantities, or a signal a quantity and protection."""
+    """Note an issue where a signal has two uses, save one received for several quantities or as multiplexer."""
     taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),

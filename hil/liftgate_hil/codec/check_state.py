@@ -34,7 +34,7 @@ _OTHER, _OK, _ERROR = range(3)
 
 @compilable
 def missing(last: int, counter: int, modulus: int) -> int:
-    """Return how many frames are missing between two turns of a counter that repeats after `modulus` turns."""
+    """Return how many frames are missing between two indices (turns) in a counter's sequence of `modulus`."""
     return (counter - last - 1) % modulus
 
 

@@ -86,7 +86,7 @@ def profile_1(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], r
 
 @compilable
 def profile_2(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """Return E2E profile 2's CRC8H2F over the data and then the counter's entry of the data ID list."""
+    """Return E2E profile 2's CRC8H2F over the data without its own byte, then the data ID of the counter."""
     crc = 0xFF
     for i in range(table.length):
         if i != table.checksum_byte:

@@ -50,7 +50,7 @@ def frame_flags(identifier: int) -> int:
 
 @compilable
 def with_canfd_flags(identifier: int, flags: int) -> int:
-    """Return an identifier marked as CAN FD, with the flags of `struct canfd_frame`."""
+    """Return an identifier marked as CAN FD, with BRS and ESI from the flags of `struct canfd_frame`."""
     identifier |= FD
     if flags & CANFD_BRS != 0:
         identifier |= BRS
@@ -110,7 +110,7 @@ def no_logged() -> NDArray[np.void]:
 
 
 def logged(frames: Frames, time_ns: int, is_sent: bool) -> NDArray[np.void]:
-    """Return frames as rows (n,) LOGGED, all with the same timestamp."""
+    """Return frames as rows (n,) LOGGED, all with the same timestamp and direction."""
     rows = np.zeros(frames.count, dtype=LOGGED)
     rows["time_ns"], rows["is_sent"] = time_ns, is_sent
     rows["identifier"] = frames.identifiers[: frames.count]

@@ -45,7 +45,7 @@ class EndToEnd:
 
 @dataclass(frozen=True)
 class MessageOptions:
-    """A rig's settings for a message, apart from its signals; None: as in the database."""
+    """A rig's settings for a message; None: cycle and bit rate switch as in the database, others absent."""
 
     cycle_ms: float | None = None
     timeout_cycles: float = 3.0
@@ -127,7 +127,7 @@ def protection_row(
 def _counter_columns(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns that describe a counter: its bit place, and how it counts."""
+    """Return a counter's columns; its bit place goes to `tables`, and what does not fit is noted in `issues`."""
     if options.counter is None:
         return {"counter": -1, **BY_ONE.columns(1)}
     place, counting, e2e = (place_of(message.get_signal_by_name(options.counter)), options.counting, options.e2e)
@@ -152,7 +152,7 @@ def _counter_columns(
 def _checksum_columns(
     message: Message, options: MessageOptions, tables: TableRows, issues: ConfigIssues
 ) -> dict[str, int]:
-    """Return the columns that describe a checksum: its bit place and its kind."""
+    """Return a checksum's columns; its bit place goes to `tables`, and what does not fit is noted in `issues`."""
     if options.checksum is None:
         return {"kind": checksum.NONE, "checksum": -1, "checksum_byte": -1}
     place, e2e = place_of(message.get_signal_by_name(options.checksum)), options.e2e

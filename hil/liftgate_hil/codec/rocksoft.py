@@ -30,7 +30,7 @@ _MIRRORED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype
 
 @dataclass(frozen=True)
 class Covered:
-    """Bytes covered by a checksum, from `first` to `last`, both included; the order may be descending.
+    """Bytes of one part of a message that a checksum covers, `first` to `last` inclusive, possibly descending.
 
     Bytes of the payload are numbered from the start of the frame, those of a number from its least significant
     byte.

@@ -126,7 +126,7 @@ def times_sent(bus: BusConfig, transmission: Transmission, message: int, quantit
 
 @compilable
 def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
-    """Return the frames of the messages due by `now_ns`, or of `everything`: all messages with all pages.
+    """Encode messages due by `now_ns`, with `everything` all pages of all; advance sent counts and due times.
 
     The result is valid until the next call. A message of cycle T is due at every whole multiple of T, so that the
     average cycle is kept at any tick rate. A message without any known quantity is not sent.

@@ -30,7 +30,7 @@ class Conditions(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Working memory for the evaluation of n ticks; the results are in its first rows."""
+    """Working memory for n ticks: stacks with a row per operand; an evaluation's results are in row 0 of each."""
 
     numbers: NDArray[np.float64]  # (DEEPEST, n): values and margins; NaN: the tick does not count
     truths: NDArray[np.int8]  # (DEEPEST, n): 1 where true; 0 where the number is NaN
@@ -153,7 +153,8 @@ def evaluate(  # noqa: PLR0912
     ticks: int,
     work: Work,
 ) -> None:
-    """Evaluate the condition with index `which` in the first `ticks` of n ticks, into the first rows of `work`.
+    """Evaluate the condition with index `which` in the first `ticks` of n ticks; the results go to row 0 in
+    `work`.
 
     The results are margins, truths and deciders, see `Work`. The operands are `rows` (n, ROW_WIDTH) of
     signals.COLUMNS and the bus signals (n, m), in the order in which `table_of` was given them.

@@ -241,7 +241,7 @@ class _Parser:
             raise ValueError(f"at character {place}: a comparison where a number is expected")
 
     def _same_unit(self, a: str | None, b: str | None, token: str, place: int) -> str | None:
-        """Return the common unit of two operands; plain numbers and values without a unit fit any unit."""
+        """Return the common unit; numbers and values without one fit any. Raises ValueError if units differ."""
         if a and b and a != b:
             raise ValueError(
                 f"{token} at character {place} combines {a} and {b}; allowed: the same unit on both sides"

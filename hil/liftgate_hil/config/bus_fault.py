@@ -24,7 +24,7 @@ _NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
 
 
 def located(fault: Fault, rig: Rig) -> Fault:
-    """Return the fault with its place given as a message name, also where it names a mapped quantity."""
+    """Return a message fault with its `where` as message name, also from a quantity; other faults unchanged."""
     if FAULT_KINDS[fault.kind].of != MESSAGE or fault.where is None:
         return fault
     direction = _direction_of(fault)
@@ -39,7 +39,7 @@ def _direction_of(fault: Fault) -> int:
 def bus_faults_in(
     fault: Fault, rig: Rig | None, restbus: Collection[str], issues: ConfigIssues
 ) -> tuple[BusFault, ...]:
-    """Return the bus fault that a scenario's fault stands for; empty if its kind does not act on the bus.
+    """Return a scenario fault's bus fault in a tuple; empty if its kind is not one on the bus, or without a rig.
 
     `restbus` are the messages of the restbus, which are sent too. Without a rig an issue is noted.
     """
@@ -63,7 +63,9 @@ def bus_faults_in(
 
 
 def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues) -> int:
-    """Return the identifier of the frames that a fault affects (EVERY: all), or that a babbling node sends."""
+    """Return the identifier a fault affects or a babbler sends; EVERY: all, or, with an issue, an invalid
+    place.
+    """
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)
         return identifier | (EXTENDED if identifier > _STANDARD else 0)

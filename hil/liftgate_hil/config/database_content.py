@@ -180,7 +180,9 @@ def content_of(written: str, kind: str) -> Mapping[str, Messages]:
 
 
 def _remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return the messages whose signals fit without overlap; `is_plain`: first try to load the text as a whole."""
+    """Return a text's messages, but none with overlapping or misfit signals; `is_plain`: first try it as a
+    whole.
+    """
     if is_plain:
         with contextlib.suppress(Exception):
             return Remains(load_text(written, kind, is_strict=True))
@@ -216,7 +218,7 @@ def _why_nothing(error: Exception, written: str) -> str:
 
 
 def _sorted_out(messages: Sequence[Message], remains: Remains) -> Messages:
-    """Return the messages without errors, and the reasons and notes on those left out."""
+    """Return the messages without errors as a Messages object, with the reasons and notes on those left out."""
     left_out = {**remains.left_out, **_named_twice(messages)}
     for each in messages:
         if each.name not in left_out and (why := _fault_of(each)):
@@ -258,7 +260,7 @@ def _too_large_numbers(message: Message) -> Iterator[str]:
 
 
 def _named_twice(messages: Sequence[Message]) -> dict[str, str]:
-    """Return the messages whose name or identifier another message has, too, with the reason for each."""
+    """Return, by message name, why a message is refused whose name or identifier another message has, too."""
     named: dict[str, list[str]] = {}
     identified: dict[str, list[str]] = {}
     for each in messages:

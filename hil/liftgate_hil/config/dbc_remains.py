@@ -306,7 +306,7 @@ def _definition(name: str, statements: Sequence[Statement], remains: Remains) ->
 
 
 def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains) -> Iterator[MessageStatements]:
-    """Yield the statements of each kept message, but not those about missing signals, noted in `remains`."""
+    """Yield kept messages without statements on missing signals (noted) or attributes, 29-bit ones as extended."""
     for each in by_message(statements):
         if each.name in remains.left_out or each.name == _UNSIGNED:
             continue
@@ -329,7 +329,7 @@ def _whole(statements: Sequence[Statement], defined: set[str], remains: Remains)
 
 
 def _sound(message: MessageStatements, attempt: _Attempt, remains: Remains) -> MessageStatements | None:
-    """Return a faulty message without its wrong descriptive statements; None if its definition is wrong."""
+    """Return a faulty message without wrong descriptions; None: a wrong definition. `remains` notes either."""
     alone = message._replace(others=())
     try:
         attempt([alone])

@@ -114,7 +114,7 @@ class Record:
         return found
 
     def check(self) -> None:
-        """Validate the values, each alone and each that `needs` another one with that. Raises ConfigError."""
+        """Validate each value, and that those that a given value `needs` are given too. Raises ConfigError."""
         fields = {each.name: each for each in fields_of(type(self))}
         given = {
             name: value
@@ -151,7 +151,7 @@ class Record:
         return hash((type(self), *self.to_dict().values()))
 
     def __repr__(self) -> str:
-        """Return class name and values that differ from the defaults; of a long text the class name only."""
+        """Return the class name and non-default values; in place of a value's long text, the name of its type."""
         fields = {each.name: each for each in fields_of(type(self))}
         given = {name: getattr(self, name) for name in signature_of(type(self)).parameters}
         texts = {name: repr(value) for name, value in given.items() if fields[name].is_given(value)}
@@ -277,7 +277,9 @@ def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Re
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return the values of a table by key; a missing required key is an issue, to which no other is added."""
+    """Return values or defaults by key; unknown keys are issues; so are invalid or missing values, as
+    `invalid`.
+    """
     known_keys(issues, prefix, given, [each.name for each in fields])
     found: dict[str, Any] = {}
     for each in fields:

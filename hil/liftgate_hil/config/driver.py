@@ -132,7 +132,7 @@ def reset_of(
 def _press(
     key: str, given: ButtonTable | ResetTable, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> Press | None:
-    """Return the signal and values of a button or reset; None: it names no signal, or an issue is noted."""
+    """Return the signal and values of a button or reset, noting issues; None: no signal, or an invalid `value`."""
     if not given.signal:
         return None
     before = issues.count
@@ -234,7 +234,9 @@ def diagnostics_of(
 
 
 def _identifier_in(issues: ConfigIssues, key: str, value: str | int, messages: Messages) -> int:
-    """Return the identifier of a message name or number, with SocketCAN's extended flag; -1 if unknown."""
+    """Return a message name's or number's identifier, with SocketCAN's extended flag; -1 and an issue if
+    unknown.
+    """
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
     if why_not := messages.why_not(value):

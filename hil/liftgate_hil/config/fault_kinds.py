@@ -47,7 +47,7 @@ class FaultKind:
 
 
 def _line(field: str, how: int) -> Callable[[Values, str], Sequence[Edit]]:
-    """Return a kind's function `edits`: change a field of a drive's line, as `how` says, by `ohm`, else by 1."""
+    """Return a kind's `edits`: SET, SCALE or ADD (`how`) a field of a drive's line with the key `ohm`, else 1."""
     return lambda values, side: [_BROKEN, Edit(f"plant.{side}.line.{field}", how, float(values.get("ohm", 1.0)))]
 
 
@@ -61,7 +61,7 @@ def _hall(field: str, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
 
 
 def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
-    """Return a kind's function `edits`: change a field of a drive's current faults by the key `key`; "": by 1."""
+    """Return a kind's `edits`: SET, SCALE or ADD (`how`) a drive's current faults with the key `key`; "": 1."""
     return lambda values, side: [
         Edit(f"faults.{side}.current.is_on", SET, 1.0),
         Edit(f"faults.{side}.current.{field}", how, float(values[key]) if key else 1.0),
@@ -81,7 +81,7 @@ def _short(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _gate(name: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
-    """Return a kind's function `edits`: change the gate's constant `name` by the key `key`; "": by 1."""
+    """Return a kind's `edits`: SET, SCALE or ADD (`how`) the gate's constant `name` with the key `key`; "": 1."""
     also = {"plant.source_open": [_BROKEN], "faults.latch_held": [_INPUTS]}.get(name, [])
     return lambda values, side: [*also, Edit(name, how, float(values[key]) if key else 1.0)]
 
@@ -92,7 +92,7 @@ def _bridge(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _drive(how: int, value: float | None, *names: str) -> Callable[[Values, str], Sequence[Edit]]:
-    """Return a kind's function `edits`: change a drive's constants by `value`; None: by the key `factor`."""
+    """Return a kind's `edits`: SET, SCALE or ADD (`how`) a drive's constants with `value`; None: key `factor`."""
     return lambda values, side: [
         Edit(f"plant.{side}.{name}", how, float(values["factor"]) if value is None else value) for name in names
     ]

@@ -113,7 +113,7 @@ def message_options(issues: ConfigIssues, section: Table, messages: Messages) ->
 def _protection(
     issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: Message
 ) -> MessageOptions:
-    """Return the protection settings of a message, without its times; `raw` are the keys given in the file."""
+    """Return a message's counter, checksum, E2E and BRS options, note issues; `raw`: the keys in the file."""
     signals = [each.name for each in message.signals]
     counting, own = Counting(), None
     counter, checksum = given.counter, given.checksum
@@ -185,7 +185,7 @@ def _end_to_end(
 
 
 def _data_ids(issues: ConfigIssues, key: str, given: MessageTable, raw: Table) -> tuple[int, ...]:
-    """Return the E2E data ID as a tuple; of profile 2 the list of data IDs."""
+    """Return the E2E data ID, of profile 2 the list, as a tuple; missing or invalid ones are issues, and 0."""
     required, other = ("data_id_list", "data_id") if given.protection == "e2e-p02" else ("data_id", "data_id_list")
     if other in raw:
         issues.add(f"{key}.{other}", f"{given.protection} has none; allowed: {required}")

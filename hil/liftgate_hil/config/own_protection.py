@@ -147,7 +147,7 @@ def checksum_table(
 
 
 def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tuple[str | None, int]:
-    """Return name and length [bits] of the message's signal that a table names; None and 0 if there is none."""
+    """Return name and length [bits] of the signal that a table names; None, 0 and an issue if there is none."""
     signals = {each.name: each.length for each in message.signals}
     if name in signals:
         return name, signals[name]

@@ -134,7 +134,7 @@ def check_signal(
 
 
 def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal) -> str:
-    """Return as text why the restbus cannot send the message of this signal; "" if it can."""
+    """Return as text why the restbus cannot send this signal or its message; "" if it can."""
     if is_taken:
         return "the gate or the ECU sends it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:

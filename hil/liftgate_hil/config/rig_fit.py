@@ -54,7 +54,9 @@ def _part(share: float, most: float) -> ExpectedRange:
 
 
 def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
-    """Return the expected ranges of a vehicle's quantities, by name without "true_", as far as they are known."""
+    """Return the known expected ranges of a vehicle's quantities; names without "true_" are for true values
+    too.
+    """
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
     supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope
@@ -319,7 +321,7 @@ def _ranged(rig: Rig, vehicle: Vehicle) -> Iterator[tuple[SignalMapping, Expecte
 
 
 def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, int]]:
-    """Yield the messages of these signals with their cycles [ns]; 0 if a message has none."""
+    """Yield name and cycle [ns] of each message of these signals; 0: none; invalid cycles are left out."""
     for name in dict.fromkeys(wire.message for wire in mappings):
         cycle = cycle_of(rig.messages[name], rig.options.get(name, MessageOptions()))
         if 0.0 <= cycle <= LONGEST_MS:  # else it is an issue of the rig

@@ -162,7 +162,7 @@ def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:
 
 
 def _conversion(wire: SignalMapping, quantity: Signal) -> str:
-    """Return in words how a signal's value is converted to the quantity, and which key or unit defines it."""
+    """Return in words how a signal is converted to its quantity, and by what; "": unchanged, "?": unknown."""
     if wire.basis == "unknown":
         return "?"
     if wire.values is not None:
@@ -194,7 +194,7 @@ def _protection(options: MessageOptions) -> str:
 
 
 def _counted(counting: Counting) -> str:
-    """Return in words how a counter counts; "" if it is as wide as its signal and goes up by one from 0."""
+    """Return in words how a counter counts; "" if the rig has no table for it: by one from 0 over all its bits."""
     if counting.highest is None:
         return ""
     span = f"{counting.lowest} to {counting.highest}"

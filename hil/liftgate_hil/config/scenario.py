@@ -56,18 +56,18 @@ class Scenario:
     tables: tuple[str, ...] = ()  # files with points of its profiles
 
     def awaited(self) -> list[Expectation]:
-        """Return the conditions that the scenario's stimuli wait for, as expectations."""
+        """Return an `eventually` expectation for each condition that starts or ends a stimulus or fault."""
         spans = [(each.start, each.end) for each in self.stimuli.obstacles]
         spans += [(each.start, each.end) for each in self.faults]
         whens = [each.when for each in self.requests] + [each.when for each in self.signals]
-        found = [_comes(each, Instant()) for each in whens]
+        found = [_expectation_of(each, Instant()) for each in whens]
         for start, end in spans:
-            found += [_comes(start, Instant()), _comes(end, start)]
+            found += [_expectation_of(start, Instant()), _expectation_of(end, start)]
         return [each for each in found if each is not None]
 
 
-def _comes(instant: Instant, after: Instant) -> Expectation | None:
-    """Return the expectation that an instant's condition becomes true after another; None without a condition."""
+def _expectation_of(instant: Instant, after: Instant) -> Expectation | None:
+    """Return the expectation that `instant`'s condition comes true after `after`; None if `instant` is a time."""
     if not instant.condition:
         return None
     opener = after.condition or after.time
@@ -119,7 +119,7 @@ class ScenarioFile:
         return frozenset(name for value in values for name in _parameters_in(value))
 
     def stated(self, key: str, default: Any) -> Any:
-        """Return the value of a key as a file states it; the scenario's own file precedes included ones."""
+        """Return a key's raw value, from the scenario's own file before included ones; `default` if in none."""
         return next((part.raw[key] for part in reversed(self.parts) if key in part.raw), default)
 
     def scenario(self, replaced: Mapping[str, float] | None = None) -> Scenario:
@@ -250,7 +250,7 @@ def _issues_of(part: _Part) -> ConfigIssues:
 
 
 def _parts(path: Path, above: Sequence[Path], known: set[Path]) -> list[_Part]:
-    """Return a file after those that it includes, without `known` ones; `above` include it. Raises ConfigError."""
+    """Return a file's new includes, then the file, added to `known`; `above` include it. Raises ConfigError."""
     raw = read_toml(path)
     check_kind(path, raw, "scenario", [key.name for key in fields_of(ScenarioTable)])
     above = [*above, path.resolve()]
@@ -316,7 +316,7 @@ def _parameters(
 def _filled_in(
     part: _PartRead, key: str, value: Any, parameters: Mapping[str, float], origins: Mapping[str, str]
 ) -> Any:
-    """Return a value with each `$name` in it replaced by the parameter; issues name the parameter's origin."""
+    """Return a value with each `$name` replaced by its parameter, or NaN and an issue; issues name its origin."""
     issues = part.issues
     if isinstance(value, dict):
         return {name: _filled_in(part, f"{key}.{name}", each, parameters, origins) for name, each in value.items()}

@@ -73,7 +73,7 @@ _FILE = "a shipped name or a file"
 _DELAY = Field(_SECONDS, "delay after the time, or after the condition has come true")
 
 
-def _of(signal: Signal) -> Field:
+def _field_of(signal: Signal) -> Field:
     """Return the field of a numeric key of an obstacle, as the catalogue of signals describes it."""
     return Field(Number(signal.low, signal.high, signal.unit), signal.meaning)
 
@@ -140,12 +140,12 @@ class ObstacleTable(Record):
     end: Annotated[Instant, Field(When(), "when it is removed; a condition is evaluated only after the start",
         "never")] = NEVER
     delay_s: Annotated[float, _DELAY] = 0.0
-    angle_deg: Annotated[float, _of(OBSTACLE["angle_deg"])]
-    distance: Annotated[float, _of(OBSTACLE["distance"])] = 1.0
-    stiffness: Annotated[float, _of(OBSTACLE["stiffness"])] = 10_000.0
-    damping: Annotated[float, _of(OBSTACLE["damping"])] = 0.0
-    gap: Annotated[float, _of(OBSTACLE["gap"])] = 0.0
-    lateral: Annotated[float, _of(OBSTACLE["lateral"])] = 0.0
+    angle_deg: Annotated[float, _field_of(OBSTACLE["angle_deg"])]
+    distance: Annotated[float, _field_of(OBSTACLE["distance"])] = 1.0
+    stiffness: Annotated[float, _field_of(OBSTACLE["stiffness"])] = 10_000.0
+    damping: Annotated[float, _field_of(OBSTACLE["damping"])] = 0.0
+    gap: Annotated[float, _field_of(OBSTACLE["gap"])] = 0.0
+    lateral: Annotated[float, _field_of(OBSTACLE["lateral"])] = 0.0
     meets: Annotated[str, Field(Choice(("closing", "opening")), "direction of motion in which the gate meets "
         "it")] = "closing"
 

@@ -65,7 +65,7 @@ class Fault:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """The identity of the fault: ordering a fault of the same identity again changes its values."""
+        """Identity of the fault: kind, place and identifying keys; injecting the same again changes its values."""
         own = (self.values.get(name) for name in _IDENTIFYING)
         return (self.kind, self.where, *own)
 
@@ -116,7 +116,7 @@ class TableReader:
         return [self._table(f"{key}[{i}]", each, read) for i, each in enumerate(given)]
 
     def _table(self, key: str, given: Any, read: Callable[[str, Table], Any]) -> Any:
-        """Return what `read(key, table)` returns, kept for tables in `kept` that have no issue."""
+        """Return what `read(key, table)` returns; cached for the keys in `kept`, unless the table has an issue."""
         if (found := self.kept.get(key)) is not None:
             return found
         before = self.issues.count
@@ -133,7 +133,7 @@ class TableReader:
         return moved(instant, delay)
 
     def _condition(self, key: str, text: str, also: str = "") -> None:
-        """Validate a condition as far as possible without a rig; `also` names further allowed columns."""
+        """Validate a condition as far as possible without a rig; issues get the text `also` appended."""
         try:
             parsed(text, self.parameters)
         except ValueError as error:

@@ -58,7 +58,7 @@ def _setting_of(text: str) -> Setting:
 
 
 def _plain_number(text: str) -> float | str:
-    """Return a number such as `.5` or `5.`, which TOML does not allow; any other text as it is."""
+    """Return the float of a text such as `.5` or `5.`, which TOML does not allow; any other text as it is."""
     return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
@@ -73,7 +73,7 @@ def settings_in(table: Table, source: str) -> Iterator[Setting]:
 
 
 def applied(raw: Table, settings: Sequence[Setting]) -> dict[str, str]:
-    """Apply settings to a file's content in place; return the dotted keys set, and how messages name each.
+    """Apply settings to a file's content in place; return for each dotted key that was set its name in messages.
 
     Raises ConfigError.
     """

@@ -69,7 +69,7 @@ def shipped_files(kind: str) -> dict[str, Path]:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return shipped names, those in folders as FOLDER/NAME, as one text."""
+    """Return shipped names as one text, at most _SHOWN; all names in a folder appear as one, FOLDER/NAME."""
     shown = list(dict.fromkeys(f"{name.partition('/')[0]}/NAME" if "/" in name else name for name in names))
     return ", ".join([*shown[:_SHOWN], "…"] if len(shown) > _SHOWN else shown)
 
@@ -134,7 +134,7 @@ class Shipped(NamedTuple):
 
 
 def shipped_list() -> list[Shipped]:
-    """Return all shipped files, sorted by kind and name."""
+    """Return all shipped files, kind by kind in the order of KINDS, each in the order of `shipped_files`."""
     return [
         Shipped(kind, f"{PACK if kind == CAMPAIGNS else ''}{name}", _description(path))
         for kind in KINDS

@@ -167,7 +167,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
 ) -> dict[str, str] | None:
-    """Return the database's labels by our value names; None if numbers agree, or, with an issue, labels lack."""
+    """Return the database's label for each value name; None: numbers agree, or (an issue) labels are missing."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
@@ -230,7 +230,7 @@ def missing_values(mapping: SignalMapping) -> list[str]:
 
 
 def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
-    """Return the physical value of a number, or of a label of the signal `theirs`; NaN for other labels."""
+    """Return the physical value of a number, or a label of the signal `theirs`; NaN and an issue for others."""
     if not isinstance(value, str):
         return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
     for raw, text in (theirs.choices or {}).items():

@@ -61,7 +61,7 @@ _PDU1 = 0xF0  # SAE J1939-21: below it the PDU specific byte is the destination'
 
 
 def notes_on_j1939(messages: Iterable[Message], source: str) -> list[str]:
-    """Return a list with at most one note, on the addresses in the identifiers of these J1939 messages."""
+    """Return a note that J1939 messages are matched by their whole identifier, not their PGN; [] without any."""
     found = [each for each in messages if each.protocol == "j1939"]
     if not found:
         return []

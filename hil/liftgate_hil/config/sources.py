@@ -11,7 +11,7 @@ from liftgate_hil.described_result import Shown
 
 
 class Source(NamedTuple):
-    """A source file as it was read, with the hash of its content."""
+    """Path of a source file and the hash of its content as it was read."""
 
     path: Annotated[str, Shown("path of the file")]
     sha256: Annotated[str, Shown("SHA-256 of its content, in hexadecimal digits")]

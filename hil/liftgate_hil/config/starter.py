@@ -26,7 +26,7 @@ README_BESIDE = "LIFTGATE.md"  # if the folder has a README
 
 
 def starter_readme() -> Path:
-    """Return the path of the shipped README that explains the files in the folder."""
+    """Return the path of the shipped README that explains the files in a starter folder."""
     return data_root() / "configs/starter" / README
 
 

@@ -99,14 +99,14 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_whole(value: object, low: float = -math.inf, high: float = math.inf) -> TypeGuard[int]:
-    """Whether a value is a whole number within [low, high]; a boolean is none."""
+    """Whether a value is an integer within [low, high]; a boolean or a float such as 2.0 is none."""
     return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
 
 
 def number(
     issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = "", least: float = 0.0
 ) -> float:
-    """Return `value` as a float within [low, high], 0 or at least `least`; else NaN and an issue."""
+    """Return `value` as a float; NaN and an issue unless a number in [low, high], not between 0 and `least`."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
     allowed = with_unit(f"{begin} to {high:g}", unit)
     if not is_number(value):

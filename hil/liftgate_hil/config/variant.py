@@ -93,7 +93,7 @@ def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
 
 
 def key_of(names: Names) -> Key | None:
-    """Return the numeric key of a vehicle file with this dotted name, split; None if there is none."""
+    """Return the numeric key of a vehicle file whose dotted name has these parts; None if there is none."""
     is_sided = len(names) == 3 and names[0] in SIDES
     tables = DRIVE_TABLES if is_sided else {**DRIVE_TABLES, **BODY_TABLES}
     if len(names) != 2 + is_sided or names[-2] not in tables:
@@ -183,7 +183,7 @@ def _places(names: Names) -> list[Names]:
 
 
 def _value(raw: Table, names: Names) -> float | None:
-    """Return a key's value in the file's content, or its default, in the file's unit; None if it has neither."""
+    """Return a key's value in the file, or its default, in the file's unit; None: neither, or no valid number."""
     key = key_of(names)
     assert key is not None
     for path in (names, names[-2:]):

@@ -292,7 +292,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """Note issues with the striker positions: entry, half, full in this order. Half = 0: without positions."""
+    """Note issues with a latch's striker positions unless full < half <= entry; with half = 0 it has none."""
     if own.half == 0.0:
         return
     if own.full >= own.half:

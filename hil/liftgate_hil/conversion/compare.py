@@ -156,7 +156,7 @@ class _Sum:
         self._squares, self._count = 0.0, 0
 
     def add(self, found: Compared) -> None:
-        """Add the column's next rows; a value in one recording only is the largest difference, not in the sum."""
+        """Add the column's next rows; a value in one recording only is the largest difference, not in the RMS."""
         differences = found.differences()
         known = np.isfinite(differences)
         sizes = np.where(known, np.abs(differences), np.inf)

@@ -187,7 +187,7 @@ def _marks_for(source: Recording, target: Path) -> tuple[tuple[float, str], ...]
 
 
 class _StoppedError(Exception):
-    """Internal exception by which a stopped conversion leaves the incomplete file."""
+    """Internal exception by which a stopped conversion discards the incomplete file."""
 
 
 def _written(
@@ -197,7 +197,7 @@ def _written(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> Converted:
-    """Write to a temporary file, set an older target aside and rename the file; write to a pipe directly."""
+    """Write via a temporary file, an older target set aside, or to a pipe. Raises RecordingError, ConfigError."""
     is_file, asides = not is_special(target), list[Path | None]()
 
     def make_way() -> None:
@@ -227,7 +227,9 @@ def _copied(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> _Copied:
-    """Copy the source into a stream (None: the target) until stopped. Raises RecordingError, ConfigError."""
+    """Copy by plan into a stream (None: target) until stopped; return counts. Raises RecordingError,
+    ConfigError.
+    """
     signals = plan.table.signals if plan.table else {}
     content = Content(
         columns=list(signals),

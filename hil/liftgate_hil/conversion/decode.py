@@ -27,7 +27,7 @@ _LATEST_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class Bits:
-    """Positions of a signal's bits in the payload, MSB first, also within each byte."""
+    """Payload positions of a signal's bits, MSB first, also within bytes, and conversion to its physical value."""
 
     places: NDArray[np.intp]
     signed: bool

@@ -103,7 +103,7 @@ class HeldValues:
 
 
 class _Windows(NamedTuple):
-    """Rows of a recording, each with the other recording's rows within the tolerance while it is held."""
+    """Rows of a recording, each with the other's rows within the tolerance of a time at which its value holds."""
 
     rows: int  # number of rows that were looked at
     times: Nanoseconds  # (n,) of those that have a window

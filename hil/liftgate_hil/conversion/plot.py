@@ -30,7 +30,7 @@ class Plotted(NamedTuple):
 
 
 def plotted(request: PlotRequest, say: Say = silent) -> Plotted:
-    """Draw a figure into a file; `say` is told what happened to an existing file. Raises ConfigError."""
+    """Draw a figure into a file; `say` is called with what happened to an existing file. Raises ConfigError."""
     _check(request)
     sources = [each for each in (request.recording, request.vehicle) if each is not None]
     sources += [] if request.rig is None else files_of(request.rig)

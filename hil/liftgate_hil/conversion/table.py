@@ -64,7 +64,7 @@ class RowsAndSignals(Recording):
         return self.decoded.notes
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Yield rows (n, len(wanted)), one per time of a row or a frame, to the nanosecond; NaN: no value yet."""
+        """Yield rows (n, len(wanted)) per time of a row or, for decoded signals, of a frame; NaN: no value yet."""
         parts = []
         for each in (self.source, self.decoded):
             own = [name for name in wanted if name in each.signals and name != "time_s"]
@@ -192,7 +192,7 @@ def window_of(begin: float | None, end: float | None) -> Window:
 
 
 def chosen(table: Recording, columns: Sequence[str], argument: str = "columns") -> list[str]:
-    """Return the columns of a table that an argument names, once each. Raises ConfigError for missing ones."""
+    """Return the names of columns that an argument lists, once each. Raises ConfigError for missing ones."""
     issues = []
     for name in columns:
         if name not in table.signals or name == "time_s":
@@ -227,6 +227,6 @@ def mappings_of(rig: str) -> dict[str, SignalMapping]:
 
 
 def ours_in(rig: str, names: Sequence[str]) -> dict[str, str]:
-    """Return for each column of ours that a rig maps the decoded signal with it, if that is one of `names`."""
+    """Return for our columns the decoded signals that carry them, as the rig maps them, if in `names`."""
     wired = {column: f"{wire.message}.{wire.signal}" for column, wire in mappings_of(rig).items()}
     return {column: name for column, name in wired.items() if name in names}

@@ -103,7 +103,9 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read the run's new data, at a monotonic time [s]; return `low` and `high` of columns; {}: no rows."""
+        """Read the run's new data, at a monotonic time [s]; return columns' extremes `low`, `high`; {}: no
+        rows.
+        """
         with self._updating:
             return self._update(now)
 
@@ -151,7 +153,7 @@ class Live:
         self._news = news
 
     def command(self, command: object) -> JsonObject:
-        """Send a command to the run; return its reply; {}: it obeys later. Raises ConfigError, RunGoneError."""
+        """Send a command; return its reply; {}: the run stands, obeys later. Raises ConfigError, RunGoneError."""
         with self._lock:
             done = self._client.command(command)
             if done:  # so that the next page's update shows it

@@ -40,7 +40,7 @@ _MOST_CONTACTS, _MOST_MARKS = 100, 500
 
 
 class RecordingSource:
-    """Data source of a page for a recording; `vehicle` is drawn where the file does not name one.
+    """Data source of a page for a recording; a given `vehicle` is shown in place of the one that the file names.
 
     Raises ConfigError where the file cannot be read, or holds no rows.
     """
@@ -86,7 +86,7 @@ class RecordingSource:
         return last, low, high
 
     def about(self) -> AboutRecording:
-        """Return the description of the recording: columns, units, decimation, time range, contacts and marks."""
+        """Return the recording's columns, units, decimation, time range, contacts, marks and expectations."""
         return {
             "kind": "recording",
             "file": str(self._path),
@@ -202,7 +202,9 @@ def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence
 
 
 def _append_thinned(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
-    """Append last, lowest and highest of each `every` of the rows, a multiple of these, to the lists `kept`."""
+    """Append last, lowest and highest values of each `every` rows to the lists `kept`; no rows may be left
+    over.
+    """
     if not len(rows):
         return
     parts = rows.reshape(-1, every, rows.shape[1])

@@ -46,7 +46,7 @@ def watched(protocol: Any) -> Any:
                 oldest.transport.abort()
 
         def _tracked(self, app: Any) -> Any:
-            """Return an application whose scopes have a function that takes this connection from the strangers."""
+            """Return an application whose scopes can remove this connection from those without the token."""
 
             async def serve(scope: Any, receive: Any, send: Any) -> None:
                 extensions = {**scope.get("extensions", {}), AUTHORISED: lambda: strangers.pop(self, None)}
@@ -94,7 +94,7 @@ class _Server(uvicorn.Server):
 
 
 def serve(page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]) -> None:
-    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM.
+    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM. Raises what made the page fail, if any.
 
     `ready` is called as soon as these signals are handled.
     """

@@ -46,7 +46,7 @@ class _Known:
 
 
 class Scenarios:
-    """Scenario files of a folder and its subfolders, the nearest first; hidden files are left out.
+    """Scenario files of a folder and its subfolders, without hidden ones; of too many, those in nearest folders.
 
     Listing reads folders and files: it is for a thread of its own, not for the server's event loop.
     """
@@ -171,7 +171,7 @@ class Starter:
             self._verdicts[self._name] = end["ending"] if is_judged else ""
 
     def start(self, name: object, has_ended: bool = False) -> Client:
-        """Start a scenario and return a client of its run; `has_ended`: the last run has, if not its process.
+        """Start a scenario; return its run's client; `has_ended`: the last run has ended; its process is awaited.
 
         Raises ConfigError, also while another one runs or starts, and RunGoneError where it did not begin.
         """

@@ -101,7 +101,7 @@ def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes)
 
 
 def asking_once(diagnostics: Diagnostics, request: bytes, is_repeated: bool = False) -> Tester:
-    """Return a tester that makes one request (1 to 8 bytes) at once, until it has a response.
+    """Return a tester of one request (1 to 8 bytes) at once; it is off after the response, or if none is in time.
 
     `is_repeated`: the request is repeated if no response comes in time.
     """
@@ -121,7 +121,7 @@ def failure_of(tester: Tester) -> int:
 
 
 def answer_in(tester: Tester) -> bytes:
-    """Return the positive response to the tester's single request."""
+    """Return the positive response to the tester's single request; empty: there is none."""
     return message_in(tester.link, int(tester.head[0].answer_length))
 
 

@@ -36,7 +36,7 @@ print("\\n" + json.dumps([[str(each["interface"]), str(each["channel"])] for eac
 
 
 def open_can() -> None:
-    """Try to create a CAN socket. Raises OSError."""
+    """Create a CAN socket and close it, to check that this is possible. Raises OSError."""
     if not hasattr(socket, "AF_CAN"):
         raise OSError("Python was built without SocketCAN")
     socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
@@ -64,7 +64,7 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
 
 
 def link_of(text: str) -> Mapping[str, object]:
-    """Return kind, bitrate [bit/s] and state of an interface from `ip`'s JSON output; {} if it states none."""
+    """Return an interface's kind, bitrate [bit/s] and state (None: not stated) from `ip`'s JSON; {}: no link."""
     try:
         link = json.loads(text)[0]["linkinfo"]
         data = link.get("info_data", {})
@@ -102,7 +102,7 @@ def _interface(root: Path, name: str, link: Mapping[str, object]) -> Check:
 
 
 def ask_ip(name: str) -> str:
-    """Return iproute2's JSON description of an interface; "" where iproute2 is not installed."""
+    """Return iproute2's JSON description of an interface; "" where iproute2 is missing or does not answer."""
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(
             ["ip", "-details", "-json", "link", "show", name],
@@ -151,7 +151,7 @@ def _undetected(why: str) -> Check:
 
 
 def adapters(found: Sequence[Sequence[str]]) -> Check:
-    """Return a check that lists the adapters python-can found, without serial ports and SocketCAN interfaces."""
+    """Return a check that lists the adapters python-can found, except serial, SocketCAN and virtual ones."""
     with_hardware = [
         f"{interface}:{channel}"
         for interface, channel in found

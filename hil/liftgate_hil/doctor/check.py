@@ -33,7 +33,7 @@ class Check(NamedTuple):
 
 
 def judged(check: str, found: str, mend: str = "") -> Check:
-    """Return a check with a warning and the remedy `mend`, or `ok` where this is empty."""
+    """Return a check of level `warning` with the remedy `mend`, or of level `ok` where `mend` is empty."""
     return Check(check, "warning" if mend else "ok", found, mend)
 
 

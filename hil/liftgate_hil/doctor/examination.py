@@ -31,7 +31,7 @@ class Examination:
     _tick: Quantiles | None = None
 
     def run(self) -> None:
-        """Run all checks; those that would disturb the measurements end before these begin."""
+        """Run checks, then measurements, as far as platform and software permit, and always add the verdict."""
         self._add(machine.platform())
         if not self.problems():
             with contextlib.closing(buses.Detection()) as detection:
@@ -96,7 +96,7 @@ class Examination:
         self.figures = timing.figures(rate, duration, plain, fifo, self._tick, shares)
 
     def _measure_fifo(self) -> timing.Wakeups | None:
-        """Measure wake-up lateness with a real-time run's requests; None where FIFO scheduling was refused."""
+        """Measure wake-up lateness with all that a real-time run requests; add checks; None: FIFO was refused."""
         realtime = Realtime(self.request.cpu, bool(self.request.realtime))
         wakeups = timing.measure(self.request.rate, self.request.duration, realtime)
         self._add(timing.given(realtime.refused, asked=bool(self.request.realtime)))

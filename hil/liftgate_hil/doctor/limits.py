@@ -28,7 +28,7 @@ def _limit(root: Path, name: str) -> int:
 
 
 def _advice_to_allow(user: str, name: str, value: str, unit: str) -> str:
-    """Return a command that sets a user's limit in limits.d, and `unit`, the same for a systemd service."""
+    """Return advice to set a user's limit: a command for limits.d, and the setting `unit` of a systemd service."""
     return (
         f"echo '{user} - {name} {value}' | sudo tee -a {_FILE}, then log in again "
         f"(a systemd service: {unit}={value})"
@@ -119,7 +119,7 @@ def rivals(root: Path) -> Check:
 
 
 def receive_buffer(root: Path) -> Check:
-    """Check whether a bus's socket gets the receive buffer that it requests."""
+    """Check whether CAN sockets get the receive buffer that this program requests."""
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
         return Check("receive buffer", "ok", f"CAN sockets get {RECEIVE_BUFFER >> 20} MiB")

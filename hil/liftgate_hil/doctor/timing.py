@@ -137,7 +137,7 @@ def stolen(shares: dict[str, float]) -> Check:
 
 
 def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
-    """Return the highest rate [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
+    """Return the highest of RATES [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
 
     A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that
     a tick takes have to fit into a period.
@@ -159,7 +159,7 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
-    """Check which requests of a real-time run are refused; remedies are given only if --realtime was `asked`."""
+    """Check which real-time requests are refused: a warning with remedies if --realtime was `asked`, else `ok`."""
     if not refused:
         return Check("real time", "ok", "a run gets everything that it requests")
     parts = [text.partition("; ") for text in refused]

@@ -69,11 +69,13 @@ class BusDriver(Driver):
 
     @property
     def is_real(self) -> bool:
-        """Whether the bus is not a virtual one: others may be on it, and a `bus_off` fault cannot be made."""
+        """Whether the bus is not python-can's `virtual` (vcan is real): others may use it, no `bus_off` is
+        made.
+        """
         return not self.way.is_interface("virtual")
 
     def prepare(self, stack: contextlib.ExitStack) -> None:
-        """Find the plan's bus, else a virtual one of this process alone; make the wire, peers and observers on it.
+        """Find the bus (else a virtual one), run an in-process ECU's precondition; make peers, observers, server.
 
         Raises ConfigError, TransportError, and what `started` raises.
         """
@@ -224,7 +226,7 @@ class BusDriver(Driver):
 
 
 def _server_of(job: Job, verdicts: Callable[[], Sequence[Verdict]]) -> Server:
-    """Return the server for a run's clients, with `verdicts()` so far; a Relay as job's listener now feeds it."""
+    """Return the server for a run's clients, in front of the job's listener; redirect a Relay there to it."""
     relay = job.listener
     assert job.attachable_as is not None
     server = Server(relay.listener if isinstance(relay, Relay) else relay, job.attachable_as, verdicts)

@@ -122,7 +122,7 @@ class _Waiting:
 
 
 class _Losses:
-    """Reports to the listener the first frames dropped from now on before this process reads them."""
+    """Reports to the listener, once, that frames were dropped since its creation before this process read them."""
 
     def __init__(self, peer: Peer, bus: str, listener: Listener) -> None:
         self._peer, self._bus, self._listener = peer, bus, listener
@@ -173,7 +173,7 @@ def _take_turns(
 
 @contextlib.contextmanager
 def _going_first(realtime: bool | None, listener: Listener) -> Iterator[None]:
-    """Context in which this thread has priority over others, as far as requested and permitted."""
+    """Context in which this thread has FIFO priority, unless `realtime` is False; a refusal is reported."""
     from liftgate_hil.loop.priority import FIFO, PRIORITY, going_first, in_one_line
 
     if realtime is False:

@@ -84,7 +84,7 @@ def _ecu_process(plan: Plan, ecu_serial: str | None, listener: Listener) -> Iter
 
 
 def _begin_child() -> None:
-    """Prepare a child process: a Ctrl-C to all processes of a terminal must not end it while Python starts."""
+    """Make a child process die with its parent and ignore SIGINT, so that Ctrl-C does not interrupt its start."""
     dies_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

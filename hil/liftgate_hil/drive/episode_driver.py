@@ -17,7 +17,7 @@ from liftgate_hil.plan.request import PRIVATE_BUS
 
 
 class EpisodeDriver(Driver):
-    """Driver of a run as fast as possible. It is never late, so that no run is simulated again."""
+    """Driver of a run without a bus, as fast as possible. It is never late, so that no run is simulated again."""
 
     _episode: Episode | None = None
     _has_failed = False
@@ -46,7 +46,7 @@ class EpisodeDriver(Driver):
         episode.begin()
 
     def advance(self, ticks: int | None) -> None:
-        """Run until `ticks` ticks after time 0 are done, or the run is stopped."""
+        """Run until `ticks` ticks after time 0 are done (never None here), or the run is stopped."""
         assert self._episode is not None
         assert ticks is not None
         self._has_failed = True

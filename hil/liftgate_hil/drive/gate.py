@@ -62,7 +62,7 @@ _ROWS, _FRAMES = 1024, 8192  # of the rings; frames for twice what a tick may br
 
 
 class Gate:
-    """The gate behind its rig: frames and commands in, frames out, and all true and sensed values in between.
+    """Simulated gate and rig, stepped by the caller: commands and frames in; frames, true and sensed values out.
 
     `vehicle` and `rig` are shipped names, files or objects; `settings` (KEY=VALUE) replace the vehicle's keys;
     `draw` and `ideal` select the variant of the vehicle file, see `load_vehicle`; `initial` is "closed" (latched),
@@ -136,7 +136,7 @@ class Gate:
 
     @property
     def sensed(self) -> ColumnValues:
-        """Sensed values, by the same names; empty before the first step."""
+        """Sensed values, by the names of recording columns without `sensed_`; empty before the first step."""
         return self._columns(SENSED_PREFIX)
 
     def _columns(self, prefix: str) -> ColumnValues:
@@ -210,7 +210,7 @@ class Gate:
         meets: str = "closing",
         lateral: float = 0.0,
     ) -> None:
-        """Put a compliant body (N/m, N s/m) in the gate's way, touched while closing or opening.
+        """Put a body (N/m, N s/m) in the gate's way, replacing an earlier one; `meets`: "closing" or "opening".
 
         It is at an angle [deg], a distance [m] from the hinge (default: the gate's edge) and a lateral position
         [m] (positive to the left).
@@ -349,7 +349,9 @@ class Gate:
         return self._sent
 
     def _note(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Store the last row, sent frames and Hall edges of a part of a step, and execute orders in its frames."""
+        """Store a step part's last row, sent frames and Hall edges; execute a test bench's orders in its
+        frames.
+        """
         from liftgate_hil.transport.messages import logged_message
 
         self._row[:] = rows[-1]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class PythonDriver(BusDriver):
-    """Driver of a run on its bus in the Python loop."""
+    """Driver of a run on its bus in the Python loop, with `clock` free or lockstep."""
 
     _loop: Loop | None = None
     _before_start = 0  # frames that came before the first phase was ready
@@ -39,7 +39,7 @@ class PythonDriver(BusDriver):
         transport = self.opened(open_transport, stack)
         channel, say = self.channel(transport), self.listener.alarm
         self.recordings = recordings = Recordings(plan, content_of(plan, channel, self.way.interface), say, stack)
-        sinks = [*self.sinks, *recordings.sinks, *self._shown(channel, recordings, stack)]
+        sinks = [*self.sinks, *recordings.sinks, *self._sinks_of_clients(channel, recordings, stack)]
         has_run = self.run_phases(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(
             config=plan.config,
@@ -58,8 +58,8 @@ class PythonDriver(BusDriver):
         loop.begin(is_first=not has_run)
         self.listener.ready()
 
-    def _shown(self, channel: str, recordings: Recordings, stack: contextlib.ExitStack) -> list[Sink]:
-        """Return a list with the sink that fills the memory read by attached clients; empty: none may attach."""
+    def _sinks_of_clients(self, channel: str, recordings: Recordings, stack: contextlib.ExitStack) -> list[Sink]:
+        """Let clients attach to a new memory; return a list of the sink that fills it; empty: none may attach."""
         from liftgate_hil.loop.realtime_run import memory_for
         from liftgate_hil.loop.rings import RingSink
 

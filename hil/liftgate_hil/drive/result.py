@@ -72,7 +72,7 @@ class Result(described_result.DescribedResult):
     # fmt: on
     @property
     def ending(self) -> str:
-        """Verdict of the run, or "given up" where the bench has ended it early."""
+        """Verdict of the run, or "given up" where the bench has ended it early and it is inconclusive."""
         return GIVEN_UP if self.is_given_up and self.verdict == INCONCLUSIVE else self.verdict
 
 
@@ -170,7 +170,7 @@ def silence_of(scenario: Scenario, rig: Rig) -> float:
 
 
 def _lateness(summary: Summary, extremes: Extremes) -> str:
-    """Return in words how late the bench was beyond the lateness in the run's rows; "": it was not."""
+    """Return a text on the rows or frames that a real-time run has lost without its rows showing it; "": none."""
     if summary.clock != "realtime" or extremes.high is None:
         return ""
     if summary.unseen_rows:

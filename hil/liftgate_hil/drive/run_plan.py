@@ -41,7 +41,7 @@ def run_plan(
     stopped: Callable[[], bool] = lambda: False,
     memory: Memory | None = None,
 ) -> Result:
-    """Run a plan in this process; `sinks` get its rows and frames, others may see its loop's `memory`.
+    """Run a plan in this process; `sinks` get its rows and frames, another process may watch its loop's `memory`.
 
     Attached clients are told how it ended. Raises ConfigError.
     """
@@ -67,7 +67,7 @@ def run_plan(
 
 
 def _driver_class(plan: Plan) -> type[Driver]:
-    """Return the driver class for the plan's clock."""
+    """Return the driver class for the plan's clock and for where its ECU runs: in this process or on a bus."""
     if plan.job.is_episode:
         return EpisodeDriver
     if plan.request.clock == "realtime":

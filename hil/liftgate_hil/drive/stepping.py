@@ -117,7 +117,7 @@ class StepsAgain:
     _known: dict[float, _Stepped | None] = field(default_factory=dict)  # by commands' shift [s]
 
     def __call__(self, late: float) -> SteppedAgain | None:
-        """Simulate the gate again with the commands as they arrived, and earlier and later by `late` [s].
+        """Simulate again with the commands as they arrived, and `late` [s] earlier and later; return all verdicts.
 
         `late` is rounded up to a tick. Returns None where the plant diverged, the gate does not move as in the
         run, or the run is stopped.
@@ -141,7 +141,7 @@ class StepsAgain:
         return self._known[shift]
 
     def _stepped(self, shift: float) -> _Stepped | None:
-        """Return the verdicts with all commands delayed by a shift [s]; None: stopped, or another motion."""
+        """Return verdicts with commands delayed by a shift [s] (0: and summaries); None: stopped, other motion."""
         start = self.begun.with_own_arrays()
         start.stimuli.bus_faults.rows["direction"] &= ~RECEIVED  # what was received is known
         judge = Judge(self.expected, self.rate, self.end)
@@ -204,7 +204,7 @@ class _CommandPlayer(Adapter):
 
 
 def change_around(trace_summary: TraceSummary | None, verdict: Verdict, late: float) -> float:
-    """Return how far the deciding quantity changed within `late` [s] around its margin, in the margin's unit.
+    """Return how far a verdict's deciding quantity changed within `late` [s] of its margin's time, in its unit.
 
     Only ticks on the same side of the limit count. It is 0 for a verdict without a margin, NaN where it is not
     known.

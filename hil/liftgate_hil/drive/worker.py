@@ -32,7 +32,7 @@ _dumps = pickle.dumps  # an ECU's code may put something else in its place
 
 
 def main() -> int:
-    """Run the plan, answer with its result or with the error raised, and return the exit code."""
+    """Run stdin's pickled plan, send its result or the error raised to the caller, and return the exit code."""
     rows, frames, descriptor, status_fd, caller = (int(each) for each in sys.argv[1:6])
     dies_with_parent(caller)  # nobody is left to wait for the answer
     supervise(ends_at_once=True, status_fd=status_fd)

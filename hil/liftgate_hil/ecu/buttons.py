@@ -60,7 +60,7 @@ def nothing_pressed(buttons: Buttons) -> ButtonState:
 
 @compilable
 def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
-    """Return the request of a button whose signal changes to pressed in these frames; NO_REQUEST: none."""
+    """Store which buttons these frames press, and return the request of a newly pressed one, or NO_REQUEST."""
     if len(buttons.bus.messages) > 0:
         for row in range(frames.count):
             if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD_FLAGS) >= 0:

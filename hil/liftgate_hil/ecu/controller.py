@@ -205,7 +205,7 @@ def take_feedback(
 
 @compilable
 def lose_feedback(constants: EcuConstants, memory: EcuMemory, now: float) -> DriveCommand:
-    """Run a control cycle without feedback of the drives: stop, and discard the driver's requests."""
+    """Run a control cycle without drive feedback: stop, discard requests, and return the standstill command."""
     control = memory.control[0]
     control.now, control.request = now, NO_REQUEST
     if is_moving(control.state):
@@ -215,7 +215,7 @@ def lose_feedback(constants: EcuConstants, memory: EcuMemory, now: float) -> Dri
 
 @compilable
 def stand(constants: EcuConstants, memory: EcuMemory) -> DriveCommand:
-    """Run a control cycle at standstill: brake while the gate moves, and hold it where it comes down by itself."""
+    """Run a cycle at standstill and return its command: brake a moving gate, hold one that falls by itself."""
     c, control = constants.calibration, memory.control[0]
     is_new = control.now - control.entered < c.settling_time and control.brake_until != _UNBRAKED
     if is_new and abs(mean_speed(memory)) > c.stall_speed:

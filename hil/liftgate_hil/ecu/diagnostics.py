@@ -129,7 +129,7 @@ def answered(
     elif service == _READ:
         size = read_codes(server, state, statuses, length)
     else:
-        size = done(state, service, length)
+        size = manage_session(state, service, length)
     if size < 0:
         link.out[0], link.out[1], link.out[2] = _NEGATIVE, service, -size
         return 3
@@ -141,8 +141,8 @@ def answered(
 
 
 @compilable
-def done(state: ServerState, service: int, length: int) -> int:
-    """Execute service 10, 11 or 3E (session, reset, tester present); return the response's length, <0: refused."""
+def manage_session(state: ServerState, service: int, length: int) -> int:
+    """Execute session, reset or tester present (10, 11, 3E), refuse others; return the length, <0: refused."""
     head, link = state.head[0], state.link.head[0]
     out = link.out
     if service not in (_SESSION, _RESET, _PRESENT):

@@ -50,7 +50,7 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, codi
 
 
 def check_ecu(ecu: Any) -> None:
-    """Raise ConfigError if an ECU's name refers to nothing: no existing library, no module that can be found."""
+    """Raise ConfigError if an ECU's name has no allowed form, or its library or module cannot be found."""
     if not is_foreign(ecu):
         return
     name = str(ecu)

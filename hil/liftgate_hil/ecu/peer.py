@@ -111,12 +111,12 @@ class Peer:
 
     @property
     def has_received(self) -> bool:
-        """Whether a frame with an identifier of the gate has been received, valid or not."""
+        """Whether a gate frame, valid or not, has been received; always True where the ECU shares its clock."""
         return self._heard_ns >= 0
 
     @property
     def has_heard_the_gate(self) -> bool:
-        """Whether the ECU has received a valid frame of the gate yet."""
+        """Whether a valid gate frame (user's ECU: any) was received; always True where the clock is shared."""
         return self._began_ns() >= 0
 
     def _note_senders(self, frames: Frames, now_ns: int) -> None:

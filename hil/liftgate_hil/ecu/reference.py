@@ -181,7 +181,7 @@ def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
 
 @compilable
 def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
-    """Return the time [s] at which a drive's feedback was sampled.
+    """Return the time [s] at which a drive's feedback was sampled, by the count of its message's cycles.
 
     That is the cycles of its message so far or, where it is not cyclic, the time of its arrival. Where current and
     speed come in two messages, a sample is complete with the later one, for which it waits up to one cycle: an
@@ -293,7 +293,7 @@ def command_frames(config: EcuConfig, state: EcuState, everything: bool) -> Fram
 
 @compilable
 def step(config: EcuConfig, state: EcuState, frames: Frames, now_ns: int) -> tuple[EcuState, Frames]:
-    """Process the frames received by a time [ns], and return the frames to send.
+    """Process the frames received by a time [ns]; return the ECU's state and the frames to send.
 
     These are a command where one is due, and the response to a diagnostic tester.
     """

@@ -52,7 +52,7 @@ def begin_motion(memory: EcuMemory) -> None:
 
 @compilable
 def enter(constants: EcuConstants, memory: EcuMemory, state: int, event: int, verdict: TrapDecision) -> None:
-    """Enter a state, and record the event that caused this; SILENT: none."""
+    """Enter a state: brake after a motion, reset the motion's values, and record the event; SILENT: none."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time

@@ -142,7 +142,7 @@ class _Lines(LogLines):
         self._base, self._is_relative, self._now_us = 16, False, 0
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
-        """Return bus name and fields of the frame in a line; None if the line is known not to be a frame."""
+        """Return bus and fields of a line's frame; None: it is known to be none. Raises as `LogLines.frame_in`."""
         words = line.split()
         if not words:
             return None
@@ -176,7 +176,9 @@ class _Lines(LogLines):
         raise NotUnderstoodError
 
     def _classic(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return the classic CAN frame of a line: identifier, direction, d or r, data length code, bytes."""
+        """Return bus and fields of a line's error or classic frame (identifier, direction, d/r, DLC, bytes) or
+        None.
+        """
         kind = words[0].lower()
         if kind == "errorframe":
             return bus, self._error()

@@ -47,7 +47,7 @@ class BlfWriter(MessageWriter):
 
     @property
     def written(self) -> int:
-        """Number of bytes written so far, including a container that is still in memory."""
+        """Upper bound of the number of bytes written so far, with a full container that is still in memory."""
         return self._stream.tell() + _CONTAINER_BYTES
 
     def begin(self, epoch_ns: int) -> None:
@@ -175,7 +175,7 @@ def _objects_in(text: Any, at: int) -> tuple[list[tuple[int, int, int, int]], in
 
 
 def _unpacked(body: bytes, account: Account) -> bytes:
-    """Return the decompressed content of a container, as far as it is intact."""
+    """Return a container's decompressed content, as far as intact; empty, and counted, for an unknown method."""
     (method,) = _CONTAINER.unpack_from(body)
     packed = body[_CONTAINER.size :]
     if method == _NOT_COMPRESSED:
@@ -187,7 +187,9 @@ def _unpacked(body: bytes, account: Account) -> bytes:
 
 
 def _rest_of(text: bytes, account: Account) -> bytes:
-    """Return the readable content of a truncated object at a file's end: a container's begin, or nothing."""
+    """Count a file's truncated last object in the account; return what can be read: a container's begin, or
+    b"".
+    """
     if len(text) >= _BASE.size + _CONTAINER.size:
         _, header_size, _, _, kind = _BASE.unpack_from(text)
         if kind == _IS_CONTAINER:

@@ -61,7 +61,9 @@ class BusLog(Recording):
             return list(dict.fromkeys(bus for bus, frames in self.parts(Account()) if len(frames)))
 
     def on_bus(self, name: str) -> BusLog:
-        """Return the log restricted to the frames of this bus. Raises ConfigError if it has none."""
+        """Return the log with only this bus's frames. Raises ConfigError if the file has frames, but none of
+        it.
+        """
         if self.channel is None:
             return self
         buses = self.buses()

@@ -29,7 +29,7 @@ def no_remark() -> str:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a recording to be written: columns, bus name, remark, provenance; a format holds what it can."""
+    """Content of a recording to be written: columns, bus name, remark, provenance; formats store what they can."""
 
     columns: Sequence[str]  # columns of the row to record, the time first
     channel: str = "can0"  # name of the frames' bus
@@ -42,14 +42,14 @@ class Content:
     faults: Mapping[str, int] = field(default_factory=dict)  # of columns of faults: bits in `faults_in_force`
 
     def with_faults(self, faults: Mapping[str, int]) -> Content:
-        """Return the content with a column for each of these faults, behind the columns of a row."""
+        """Return the content with a 0/1 column per fault, appended to its columns and to its row."""
         if not faults:
             return self
         row = {**self.row, **dict.fromkeys(faults, FAULT_IN_FORCE)}
         return replace(self, columns=[*self.columns, *faults], row=row, faults=faults)
 
     def whole(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return rows (n, ROW_WIDTH) extended by the columns of faults."""
+        """Return rows (n, ROW_WIDTH) with a 0/1 column appended per fault, from the bits in `faults_in_force`."""
         if not self.faults:
             return rows
         bits = rows[:, COLUMN_PLACE[InForce._fields[0]]].astype(np.int64)
@@ -63,7 +63,7 @@ class Content:
         return [order[name] for name in self.columns]
 
     def unit_of(self, name: str) -> str:
-        """Return a column's unit: of our columns as in their names (degps), of others unchanged."""
+        """Return a column's unit: of a standard column as in its name (degps), of any other its signal's unit."""
         signal = self.row[name]
         return signal.suffix.removeprefix("_") if signal == COLUMNS.get(name) else signal.unit
 

@@ -66,7 +66,7 @@ class CsvFile(Recording):
     is_strict: bool = False
 
     def as_recording(self) -> CsvFile:
-        """Return the file as a recording: time first, last line complete. Raises ConfigError if it is none."""
+        """Return the file as a recording without a cut-off last line. Raises ConfigError if time is not first."""
         check_time_first(self.path, self.names)
         units = {name: headed_unit(name) for name in self.names} | dict(self.units)
         signals = {name: column_signal(name, units[name]) for name in self.names if name and name != START_COLUMN}
@@ -133,7 +133,7 @@ class CsvFile(Recording):
         return found
 
     def _lines(self) -> Iterator[bytes]:
-        """Yield the lines below the header, some MB at a time; each block ends at the end of a line."""
+        """Yield blocks of some MB of whole lines below the header, without comments or a last line cut off."""
         with as_config_errors(self.path), _text_of(self.path) as stream:
             at, rest = stream.seek(self.head), b""
             while block := stream.read(_BLOCK):
@@ -327,7 +327,7 @@ def _starts_of(moments: Mapping[str, Stamp], zone: tzinfo | None) -> dict[str, i
 
 
 def _refusal_of(cell: str, number: int, bad: Sequence[int]) -> str:
-    """Return as text why the first cell of the rows `bad` is refused, in a block that begins at row `number`."""
+    """Return why a `cell`, the first of the rows `bad`, is refused, in a block that begins at row `number`."""
     try:
         text = "a finite number" if not math.isfinite(float(cell)) else "a number"
         shown = cell

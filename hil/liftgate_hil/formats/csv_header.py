@@ -51,7 +51,7 @@ class Header(NamedTuple):
 
 
 def header_of(path: Path, text: bytes) -> Header:
-    """Return the header of a CSV file that begins with `text`, complete lines. Raises ConfigError."""
+    """Return the header of a CSV file from its first bytes, which hold the complete header. Raises ConfigError."""
     begin = len(codecs.BOM_UTF8) if text.startswith(codecs.BOM_UTF8) else 0
     line, end = _next_line(text, begin)
     separator = _SEPARATOR.fullmatch(line)
@@ -122,7 +122,7 @@ def without_comments(text: bytes) -> bytes:
 
 
 def _next_line(text: bytes, begin: int) -> tuple[bytes, int]:
-    """Return the first line from `begin` on that is not blank, and the position of its end."""
+    """Return the first line from `begin` on that is not blank (empty: none), and the position of its end."""
     while blank := _BLANK.match(text, begin):
         begin = blank.end()
     line = _LINE_OF.match(text, begin)

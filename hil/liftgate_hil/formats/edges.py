@@ -25,7 +25,7 @@ class Edge(NamedTuple):
 
 
 def edges_since(ring: EdgeRing, seen: int) -> list[Edge]:
-    """Return the Hall edges after the first `seen` ones."""
+    """Return the Hall edges in a ring buffer after the first `seen` ones."""
     return [
         Edge(time, DRIVES[drive], CHANNELS[channel], level)
         for time, drive, channel, level in edges_after(ring, seen).tolist()

@@ -68,7 +68,7 @@ class GuardedWriter:
         self._try(self._parts.flush)
 
     def close(self) -> None:
-        """Complete the file; after an error close it as far as possible."""
+        """Complete the file, after an error as far as possible; only store an error on closing in `failure`."""
         try:
             self._parts.close(is_whole=not self.failure)
         except Exception as error:
@@ -80,7 +80,7 @@ class GuardedWriter:
             self._time_s = max(time_s, self._time_s)
 
     def _try(self, action: Callable[..., None], *arguments: object) -> None:
-        """Call `action(*arguments)`, unless one has failed; store the text of its error, and report it."""
+        """Call `action(*arguments)` unless an earlier call failed; report an error, and store it in `failure`."""
         if not self.failure:
             try:
                 action(*arguments)

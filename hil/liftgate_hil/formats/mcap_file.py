@@ -93,7 +93,7 @@ class McapFile(Recording):
         return np.hstack([tables[0], *(table[:, 1:] for table in tables[1:])])
 
     def _frame(self, message: Message) -> tuple[Any, ...]:
-        """Return a message on the topic of frames as a row of LOGGED."""
+        """Return a message on the topic of frames as a row of LOGGED. Raises ConfigError."""
         record = self._content(message)
         try:
             identifier = int(record["id"])
@@ -112,7 +112,7 @@ class McapFile(Recording):
             raise ConfigError(f"{self.path}: cannot be read: {text}") from error
 
     def _content(self, message: Message) -> dict[str, Any]:
-        """Return the parsed JSON object of a message."""
+        """Return the parsed JSON object of a message. Raises ConfigError if it is none."""
         try:
             record = orjson.loads(message.data)
         except ValueError as error:
@@ -193,7 +193,7 @@ def _mark_in(content: bytes) -> tuple[float, str]:
 
 
 def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
-    """Return the columns of a file by name, and the topics of rows with their fields."""
+    """Return the signals of a file's columns by name, and the topics of rows with their fields."""
     signals, topics = {"time_s": TIME}, []
     for channel in summary.channels.values():
         if channel.metadata.get(layout.CONTENT) != layout.ROWS:
@@ -251,7 +251,7 @@ class McapWriter(StreamWriter):
 
     @property
     def written(self) -> int:
-        """Number of bytes written so far, plus at most the uncompressed chunk in memory."""
+        """Number of bytes written, plus an estimate of those in memory: all messages' bytes, at most a chunk."""
         return self._stream.tell() + min(self._length, _CHUNK)
 
     def begin(self, epoch_ns: int) -> None:

@@ -52,7 +52,9 @@ FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
 
 
 def topics_of(columns: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return each topic's columns and the prefix that each one's field omits; `time_s`, in all, is not listed."""
+    """Return for each topic its columns, except `time_s`, with the prefix that the field's name omits ("":
+    none).
+    """
     topics: dict[str, dict[str, str]] = {}
     for name in columns:
         if name != "time_s":

@@ -60,7 +60,7 @@ def values_of(signal: Any, account: Account) -> ChannelValues | None:
 
 
 def is_state(conversion: Any, unit: str) -> bool:
-    """Whether a value-to-text conversion names all states of a channel (raw 0 or 1 on), not single values.
+    """Whether a value-to-text conversion names all states of a channel (lowest raw value <= 1), not single values.
 
     A state has no unit, and no other number is converted.
     """

@@ -203,7 +203,7 @@ class Mf4File(Recording):
     sample: str = "sample"
 
     def as_recording(self) -> Mf4File:
-        """Return the file as a recording: one group of plain numbers. Raises ConfigError if it is none."""
+        """Return the file as a recording: one group or else its frames. Raises ConfigError if it has neither."""
         if self.refusal and self.channel is None:
             raise ConfigError(f"{self.path}: {self.refusal}")
         if self.refusal:  # of its columns; its frames are a recording
@@ -281,7 +281,7 @@ class Mf4File(Recording):
             yield from parts[0] if len(parts) == 1 else merged(parts)
 
     def on_bus(self, name: str) -> Mf4File:
-        """Return the file restricted to the frames of this bus. Raises ConfigError if it has none."""
+        """Return the file with only this bus's frames; itself without frames. Raises ConfigError: no such bus."""
         if self.channel is None:
             return self
         buses = self.bus_numbers()

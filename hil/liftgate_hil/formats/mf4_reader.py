@@ -81,7 +81,7 @@ def _is_finished(path: Path) -> bool:
 
 
 def _copy_of(file: BinaryIO) -> BinaryIO:
-    """Return a copy of a file that a logger has not finalized, in which asammdf completes it."""
+    """Return a temporary copy of an unfinalized file, as asammdf finalizes in place the file that it opens."""
     copy = tempfile.TemporaryFile()  # noqa: SIM115  # closed by the caller
     shutil.copyfileobj(file, copy)
     copy.seek(0)
@@ -139,7 +139,7 @@ _BLOCK = 20_000  # rows or frames that are read at a time
 
 
 def blocks_of(measured: Any, asked: Sequence[tuple[None, int, int]], account: Account) -> Iterator[list[Any]]:
-    """Yield the signals `asked` of one group in blocks of rows; of a truncated file only the complete rows."""
+    """Yield the signals `asked` of one group in blocks of rows; rows cut off at the end are left to `account`."""
     count = measured.groups[asked[0][1]].channel_group.cycles_nr
 
     def read(first: int, rows: int) -> list[Any]:

@@ -173,7 +173,7 @@ def open_writer(
     stream: BinaryIO | None = None,
     patience: float | None = None,
 ) -> GuardedWriter:
-    """Open the writer of a file, of several files of limited size, or of the content for a `stream`.
+    """Open the writer of a recording: to a file, to several of limited size, or to `stream` instead of a file.
 
     An existing file is set aside (see `set_aside`), and `say` called. `is_salvaged`: text is written beside
     formats that a kill corrupts, so that a kill loses next to nothing. A pipe fails whose reader reads nothing for

@@ -53,7 +53,7 @@ def is_ours(path: Path) -> bool:
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether a file is as this program completed it; without attributes by its columns. Raises OSError."""
+    """Whether a file is as this program left it, by attribute or, if unsupported, by CSV text. Raises OSError."""
     try:
         return os.getxattr(path, _ATTRIBUTE) == _signature(path)
     except OSError as error:
@@ -72,7 +72,7 @@ def sign(path: Path) -> None:
 
 
 def _signature(path: Path) -> bytes:
-    """Return size and time of a file, which distinguish it from later states."""
+    """Return size and modification time of a file as bytes, which distinguish it from later states."""
     found = path.stat()
     return f"{found.st_size} bytes at {found.st_mtime_ns} ns".encode()
 

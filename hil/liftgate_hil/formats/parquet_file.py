@@ -125,7 +125,7 @@ class ParquetFile(Recording):
                     yield np.column_stack(values)
 
     def _check(self, wanted: Sequence[str]) -> None:
-        """Raise ConfigError if one of these columns is not numeric."""
+        """Raise ConfigError if one of these columns holds anything but numbers, dates and times."""
         issues = [f"{name}: {self.others[name]}" for name in wanted if name in self.others]
         if issues:
             raise ConfigError([f"{self.path}: {each}; allowed: numbers" for each in issues])

@@ -107,7 +107,7 @@ class Recording:
         return (*self.remarks, *self.account.notes(), *self.rows_account.notes())
 
     def as_recording(self) -> Recording:
-        """Return the file as a recording of this program with exact rows. Raises ConfigError if it is none."""
+        """Return the file as a recording of this program; here itself. Raises ConfigError if it is none."""
         return self
 
     def read_with(self, how: ReadOptions) -> Recording:
@@ -120,7 +120,9 @@ class Recording:
         return self
 
     def on_bus(self, name: str) -> Recording:
-        """Return the recording restricted to the frames of this bus. Raises ConfigError if it has none."""
+        """Return the recording with only this bus's frames, or itself without any. Raises ConfigError: another
+        bus.
+        """
         if self.channel not in (None, name):
             raise no_such_bus(self.path, name, [str(self.channel)])
         return self
@@ -134,7 +136,7 @@ class Recording:
         return iter(())
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Return columns by name, but those with infinite values and unreadable ones, each noted in `issues`."""
+        """Return columns by name, without infinite values; {}: unreadable rows. Both are noted in `issues`."""
         if not wanted:
             return {}
         try:

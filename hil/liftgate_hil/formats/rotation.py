@@ -110,7 +110,7 @@ class Parts:
             self._most = max(self._most, self._part.written - before)
 
     def _rotate(self, limit: Limit) -> None:
-        """Continue the recording in the next file."""
+        """Continue in the next file, close the old one in the background, and delete files beyond the limit."""
         self._closing.append(self._pool.submit(self._part.close))
         self._part = self._next()
         self._part.begin(self._epoch_ns)
@@ -120,7 +120,7 @@ class Parts:
             each.result()
 
     def _delete_beyond(self, limit: Limit) -> None:
-        """Delete the oldest files beyond the number that the limit keeps."""
+        """Delete in the background the oldest files beyond the number that the limit keeps."""
         while limit.keep is not None and len(self._earlier) + len(self._written) > limit.keep:
             remove = _remove_ours if self._earlier else Path.unlink
             oldest = (self._earlier or self._written).pop(0)
@@ -144,7 +144,9 @@ def _remove_ours(path: Path) -> None:
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside an earlier recording's files but `inputs`; return new paths. Raises ConfigError, OSError."""
+    """Set aside earlier files but `inputs`, replacing older ones; return all set aside. Raises ConfigError,
+    OSError.
+    """
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )

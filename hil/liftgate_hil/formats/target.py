@@ -109,7 +109,7 @@ def open_free(
 
 
 def open_target(path: Path, patience: float | None = None) -> BinaryIO:
-    """Open an output file, emptied and locked against other recorders until closed. Raises ConfigError.
+    """Open an output file, new or empty, locked against other recorders until closed. Raises ConfigError.
 
     `patience` is how long [s] the reader of a pipe may read nothing before writing fails; None: without limit.
     """
@@ -203,7 +203,7 @@ def set_aside(path: Path, known: Callable[[Path], bool] = nothing, kept: Iterabl
 
 
 def _renamed(place: Path, is_replaced: Callable[[Path], bool], kept: Iterable[Path]) -> Path:
-    """Rename a file to the first aside name, free or of a file that `is_replaced`; return it. Raises OSError."""
+    """Rename a file to its first aside name that is free or `is_replaced`; return that name. Raises OSError."""
     aside = first = aside_of(place)
     for number in itertools.count(2):
         if os.path.lexists(aside):

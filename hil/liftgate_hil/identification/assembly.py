@@ -139,7 +139,7 @@ def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
 
 
 def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
-    """Return the measured columns of the `wanted` kinds (none: all). Raises ConfigError for a kind without one."""
+    """Return changing output columns of the `wanted` kinds (none: all). Raises ConfigError for a kind without."""
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, the identification reports it
     kinds = wanted or list(OUTPUT_KINDS)

@@ -45,7 +45,7 @@ def _steps(data: Sequence[Data], longest: float) -> float:
 
 
 def _coarse(data: Data, changes: Rows) -> Data:
-    """Return an experiment's data with few samples and rows; inputs keep their few `changes`, or are averaged."""
+    """Return an experiment's data at the coarse spacing; inputs keep rows `changes` if few, else are averaged."""
     rows = data.rows
     kept = _apart(rows, np.arange(len(rows)))
     places = {

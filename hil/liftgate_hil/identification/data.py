@@ -280,7 +280,7 @@ def _raster(data: Data, rate: float) -> Floats:
 
 
 def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
-    """Return a mask (n,) of unknown samples: in a gap, or near one, where the filter sees mostly interpolation."""
+    """Return a mask (n,) of unknown samples: in gaps; if filtered, also mostly interpolated ones and both ends."""
     rows = decimation.rows
     gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
     if decimation.factor == 1 or name in decimation.counts:

@@ -143,7 +143,7 @@ def offsets_at_rest(problem: Problem) -> list[str]:
 
 
 def _offset(vehicle: Vehicle, data: Data, side: str, stated: float, delay: float) -> float:
-    """Return one side's mean current [A] before the first voltage; NaN: not significantly off `stated` [A]."""
+    """Return a side's mean current [A] before any voltage; NaN: few samples, or not surely off `stated` [A]."""
     driven = np.flatnonzero(is_driven(data))
     end = data.rows[driven[0]] - delay if len(driven) else math.inf
     current = data.outputs.get(f"{side}_current_a")
@@ -186,7 +186,9 @@ def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[flo
 
 
 def _fastest(times: Floats, values: Floats) -> float:
-    """Return an upper limit of a signal's average slope: the fitted slope plus its margin of error."""
+    """Return an upper limit of the magnitude of a signal's average slope: that of the fit plus its error
+    margin.
+    """
     t = times - np.mean(times)
     slope = float(t @ values) / float(t @ t)
     residual = values - np.mean(values) - slope * t

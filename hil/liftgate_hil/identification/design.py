@@ -114,7 +114,7 @@ def prbs(bits: int) -> NDArray[np.bool_]:
 
 
 def noise_of(vehicle: Vehicle, output: str) -> float:
-    """Return the expected standard deviation of a measured output, in its unit."""
+    """Return the expected standard deviation of a measured output's noise, in the output's unit."""
     sensors = vehicle.sensors
     if output.endswith("current_a"):
         return (

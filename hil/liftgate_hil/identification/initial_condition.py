@@ -122,7 +122,7 @@ def _polynomial(t: Floats, y: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
-    """Whether an experiment begins at rest; `creeps`: undriven motion above 1 % of the top speed is no rest."""
+    """Whether an experiment begins at rest; `creeps`: undriven motion above 1 % of top speed counts as motion."""
     # Whether there is a voltage within the longest window from which the initial speed is estimated.
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
     share = _STILL_SHARE if creeps and not np.any(is_driven(data)[:count]) else _REST_SHARE
@@ -237,7 +237,7 @@ def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[
 
 
 def _is_stalled(vehicle: Vehicle, data: Data) -> bool:
-    """Whether a voltage drives a current through a stalled drive from the first sample on."""
+    """Whether the left drive is stalled under voltage from the first sample on, as shown by its current."""
     early = data.times <= data.times[0] + _WINDOWS[-1]
     current = data.outputs.get("left_current_a", np.full(len(data.times), np.nan))[early]
     if not np.any(np.isfinite(current)):
@@ -258,7 +258,7 @@ def _shows_place(data: Data) -> bool:
 def _midway(
     vehicle: Vehicle, data: Data, experiment: int, full: bool, moves: bool, angle_deg: float | None
 ) -> InitialCondition:
-    """Return the initial condition of a gate in motion, or at rest after a motion."""
+    """Return the initial condition of a gate in motion or at rest after a motion. Raises ValueError if unknown."""
     plant = plant_of(vehicle)
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(

@@ -29,7 +29,7 @@ _MOST = 50  # segments of an experiment, at most; evenly spread, they are enough
 
 
 def in_segments(problem: Problem) -> Problem | None:
-    """Return the same problem with the data in segments; None where neither position nor speed was measured."""
+    """Return the problem with data in segments; None without position and speed, or if all of it is latched."""
     plant = plant_of(problem.vehicle)
     segments: list[Data] = []
     beginnings: list[InitialCondition] = []

@@ -100,7 +100,7 @@ class Problem:
                 self._compare_edges(column)
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
-        """Return a copy of the problem with other data; `changes` are further fields to replace."""
+        """Return a copy of the problem with other data and the fields of `changes`; `evaluations` begins at 0."""
         return replace(self, data=data, angle_deg=None, evaluations=0, **changes)
 
     def leave_out_few(self) -> list[int]:
@@ -199,7 +199,7 @@ class Problem:
         return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
 
     def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """Return the prediction as `predicted` does, uncounted, for calls from functions of `on_all_cpus`."""
+        """Return the prediction like `predicted`, but not counted in `evaluations`, for use in `on_all_cpus`."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         parts = []
@@ -327,7 +327,7 @@ def _moved(point: Floats, k: int, step: float) -> Floats:
 
 
 def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
-    """Return the start with the windings' steady-state currents; in a pause the voltage begins with the data."""
+    """Return the start with the windings' steady-state currents: at the first voltage; `in_pause`: at none."""
     inputs = inputs_of(data.inputs[0], base, NOMINAL)
     currents = {}
     for side in ("left", "right"):

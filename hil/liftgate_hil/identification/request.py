@@ -105,7 +105,9 @@ class Angles:
     allowed, invalid = "LOW:HIGH, -360 to 360 degrees", (math.nan, math.nan)
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[float, float]:
-        """Return the lower and the upper angle [deg]; add an issue, and return NaN, if they are invalid."""
+        """Return lower and upper angle [deg], NaN unless these are two numbers; add an issue if they are
+        invalid.
+        """
         parts = value.split(":") if isinstance(value, str) else value
         low, high = self.invalid
         if isinstance(value, str) or (isinstance(value, list | tuple) and all(map(_is_number, value))):
@@ -122,7 +124,7 @@ class IdentifiedFile:
     allowed, invalid = "the result of identify, or its file", None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the result, or the path of its file."""
+        """Return the result, or the path of its file; add an issue if it is neither."""
         return value if isinstance(value, DescribedResult) else File().read(issues, key, value)
 
 

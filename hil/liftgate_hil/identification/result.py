@@ -88,7 +88,7 @@ class Series(DescribedResult):
 
     @property
     def lags_outside(self) -> Annotated[int, Shown("lags at which the autocorrelation is outside the band")]:
-        """Number of lags outside the band, of which 1 in 100 is by chance; lag 0 does not count."""
+        """Number of lags but 0 with the autocorrelation outside the band; about 1 in 100 is so by chance."""
         return int(np.sum(np.nan_to_num(np.abs(self.autocorrelation[1:])) > self.band))
 
     @property
@@ -122,7 +122,7 @@ class Experiment(DescribedResult):
     @property
     def mean(self) -> Annotated[Mapping[str, float], Shown("mean error, measured less simulated, by output", keys={
             "COLUMN": "in the column's unit"})]:
-        """Mean error by output."""
+        """Mean error, measured minus simulated, by output."""
         return {each.output: each.mean for each in self.series}
 
     @property
@@ -178,7 +178,7 @@ class LikelihoodProfile(DescribedResult):
 
 @dataclass(frozen=True)
 class FixedParameter(DescribedResult):
-    """Parameter of the vehicle that is not estimated, and the effect of its value, by linear theory."""
+    """Parameter of the vehicle that is not estimated, and its effect on the estimates, by linear theory."""
 
     name: str
     value: Annotated[float, Shown("its value")]
@@ -221,7 +221,7 @@ class Validation(ModelResult):
     @property
     def mean(self) -> Annotated[Mapping[str, float], Shown("mean error, measured less simulated, by output", keys={
             "COLUMN": "in the column's unit"})]:
-        """Mean error over the samples of all experiments by output."""
+        """Mean error, measured minus simulated, over the samples of all experiments by output."""
         return _over_all(self.experiments, _mean)
 
     @property
@@ -316,7 +316,7 @@ def series_of(experiments: Sequence[Experiment], column: str) -> list[Series]:
 
 
 def mean_over(experiments: Sequence[Experiment], figure: Callable[[Series], float]) -> dict[str, float]:
-    """Return by output the mean over experiments of `figure`, a statistic of a series; NaN does not count."""
+    """Return by output the mean over experiments of `figure`, a function of a series; NaN does not count."""
     means = {}
     for column in columns_of(experiments):
         values = [figure(each) for each in series_of(experiments, column)]

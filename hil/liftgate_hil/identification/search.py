@@ -83,7 +83,7 @@ def better(found: Descent, other: Descent) -> Descent:
 
 
 def at_best_delay(problem: Problem, found: Descent, report: Report | None, given_std: Floats | None) -> Descent:
-    """Return the search's result, or that of another search from a delay at which the loss is less.
+    """Return the search's result, or that of another search from an input delay at which the loss is less.
 
     The loss at other delays assumes that all other unknowns follow to first order. Where a change of the inputs
     falls on a sample, the loss has a kink that may hold a search.

@@ -143,7 +143,7 @@ def _window_sums(values: Floats, width: int) -> Floats:
 
 
 def score_series(times: Floats, measured: Floats, scores: Floats) -> Floats:
-    """Return the scores (n, p) of the rows of one experiment, summed over bins (m, p) of time.
+    """Return the sums (m, p) of one experiment's scores (n, p) over m bins of time.
 
     Bins are as wide as the outputs' samples are apart, where that makes enough bins: rows without a sample, and
     outputs that are sampled in turn, would hide the correlation of the scores.
@@ -258,7 +258,9 @@ def is_nothing(errors: Floats, measured: Floats) -> bool:
 
 
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
-    """Whether a residual is white, by Ljung and Box's test of its first autocorrelations."""
+    """Whether Ljung and Box's test of the first lags finds a residual white (0.1 % level); True below 4
+    samples.
+    """
     from scipy.special import chdtrc
 
     count = len(errors)
@@ -284,7 +286,7 @@ def factor_between(measured: Floats, simulated: Floats, alike: float) -> float |
 
 
 def _factor(measured: Floats, simulated: Floats, alike: float) -> float | None:
-    """Return the least-squares scale factor of two signals that correlate about zero; None: they do not."""
+    """Return the least-squares factor measured / simulated; None: correlation about zero not above `alike`."""
     across, power = _product(measured, simulated), _product(simulated, simulated)
     is_alike = abs(across) > alike * math.sqrt(power * _product(measured, measured)) > 0.0
     return across / power if is_alike else None

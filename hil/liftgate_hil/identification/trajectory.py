@@ -131,7 +131,7 @@ def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: f
 
 @compilable
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
-    """Return the net torque [N m] on a gate that moves with its drives, at an angle; it falls as this grows."""
+    """Return the net torque [N m] on a gate moving with its drives, at an angle [rad]; it falls as that grows."""
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
     state = moving_state(plant.latch, start, angle, rate, load.ambient_temperature)
     share = start.speed / (abs(start.speed) + _CREEP)
@@ -195,7 +195,7 @@ def state_in(kept: Floats) -> State:
 
 
 class Simulated(NamedTuple):
-    """Model, sensors, inputs and initial state of a simulation, in steps of at most `longest` seconds."""
+    """Plant, sensors, base load, start and model of a simulation, in steps of at most `longest` seconds."""
 
     plant: Plant
     sensors: Sensors

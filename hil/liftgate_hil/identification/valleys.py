@@ -54,7 +54,7 @@ def past_dents(
 def _valley(
     problem: Problem, found: Descent, leading: int, pace: float, report: Report | None, given_std: Floats | None
 ) -> Iterator[Descent]:
-    """Yield search results along a valley to either side of a minimum, a `pace` of parameter `leading` apart."""
+    """Yield a minimum, then results along the valley to either side, parameter `leading` in steps of `pace`."""
     yield found
     low, high = (float(each[leading]) for each in problem.bounds)
     least = found.deviance
@@ -99,7 +99,9 @@ def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
 def _adjusted(
     problem: Problem, found: Descent, step: Floats, across: Floats, given_std: Floats | None
 ) -> SearchPoint | None:
-    """Return the point a `step` from a minimum, adjusted orthogonally to `across`; None: it is not allowed."""
+    """Return the point a `step` from a minimum, adjusted orthogonally to `across`; None: refused, or not
+    finite.
+    """
     low, high = problem.bounds
     point = found.point + step
     place = None
@@ -116,7 +118,7 @@ def _adjusted(
 
 
 def _across(problem: Problem, found: Descent, place: SearchPoint, across: Floats) -> Floats:
-    """Return the Gauss-Newton step (n,) from a point that is orthogonal to `across`, by the minimum's slopes."""
+    """Return the Gauss-Newton step (n,) from `place`, orthogonal to `across`, by the slopes at the minimum."""
     matrix, gradient = equations_at(problem, place, found.slopes)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
     count = len(scale)

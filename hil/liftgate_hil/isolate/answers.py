@@ -52,7 +52,9 @@ class AnswerChannel:
         return self._name, self._token
 
     def take(self, timeout: float) -> bytes | None:
-        """Return the child's answer; None: none has come within `timeout` [s]. Raises BadAnswerError."""
+        """Return the child's answer; None: none in `timeout` [s], or a foreign connection. Raises
+        BadAnswerError.
+        """
         if not select.select([self._socket], [], [], timeout)[0]:
             return None
         connection, _ = self._socket.accept()

@@ -49,7 +49,7 @@ class WorkerReply(NamedTuple):
 def run_isolated(
     worker: str, plan: bytes, step: float, stopped: Callable[[], bool] = lambda: False, hang_s: float | None = None
 ) -> WorkerReply:
-    """Run a module as a worker process on a pickled plan, and return its answer; early once `stopped()` is true.
+    """Run a module as a worker process on a pickled plan, and return its answer; `stopped()` ends its run early.
 
     The run's ticks are `step` [s] apart; its ECU may take `hang_s` [s] to respond, else HANG_S. Raises EcuError
     where the worker crashed or hung, or its answer was spoiled.
@@ -197,7 +197,7 @@ def foreign_code(memory: Memory | None) -> Iterator[None]:
 
 
 class ProgressSink:
-    """Sink that counts a loop's ticks in a memory that a supervising process reads; the loop has another one."""
+    """Sink that counts a loop's ticks in a memory (not the loop's own) that a supervising process reads."""
 
     def __init__(self, memory: Memory) -> None:
         self._control = memory.shared.control[0]

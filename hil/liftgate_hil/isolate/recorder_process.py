@@ -142,7 +142,9 @@ class RecorderProcess:
         self._is_ready = True
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Send a mark of up to 200 characters at a time [s], without waiting; False: the process refused it."""
+        """Send a mark of up to 200 characters at a time [s], without waiting; False: refused, or no file takes
+        it.
+        """
         return self._failed < self._count and self._tell([time_s, text])
 
     def _tell(self, what: Any) -> bool:
@@ -155,7 +157,9 @@ class RecorderProcess:
         return True
 
     def close(self) -> None:
-        """Wait until the files are completed, at most the run's duration and a minute. Raises RecordingError."""
+        """Wait up to the run's duration plus a minute for the files; set `files`, `span` etc. Raises
+        RecordingError.
+        """
         assert self._process.stdin is not None
         self._is_closing = True
         with contextlib.suppress(OSError):
@@ -206,7 +210,9 @@ class RecorderProcess:
         return f"`record` {self._names}: the recording process was ended from outside"
 
     def _read(self, heard: int) -> None:
-        """Read the recording process's replies from the descriptor `heard` until the process ends."""
+        """Read replies from the descriptor `heard` until the process ends; pass messages to `say`, queue
+        others.
+        """
         is_complete = False
         try:
             with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:
@@ -311,7 +317,7 @@ def main() -> int:
 
 
 def _take(recorder: RingRecorder, told: Sequence[Any], seen: RingPlace, memory: Memory) -> RingPlace:
-    """Have the recorder execute the lines `told`, and read the rings up to `seen`; return their place now."""
+    """Have the recorder execute commands `told` and read the rings up to place `seen`; return their place now."""
     for each in told:
         if isinstance(each, dict):
             recorder.end_at(RingPlace(*each["end"]))

@@ -76,7 +76,7 @@ class RingRecorder:
 
     @property
     def lost(self) -> int:
-        """Number of rows and frames that were overwritten before they were read."""
+        """Number of rows plus frames that were overwritten before they were read."""
         return self._rows.lost + self._frames.lost
 
     def take(self, most: RingPlace = EVERYWHERE, is_last: bool = False) -> None:

@@ -84,7 +84,7 @@ class Relation:
 
     @property
     def limit(self) -> tuple[Side, str, float] | None:
-        """Varying side, sign and number of a comparison with a number; None where both sides vary, or none."""
+        """Varying side, sign seen from it, and the other side's finite number; None where both vary, or none."""
         turned = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
         left, right = self.left.constant, self.right.constant
         if right is not None and left is None and math.isfinite(right):

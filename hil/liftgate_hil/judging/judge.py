@@ -207,7 +207,7 @@ class Judge:
         return replace(verdict, uncertainty=force or None)
 
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
-        """Return the verdicts, made inconclusive where awaited stimuli never came, or the bench was `late`.
+        """Return the verdicts; inconclusive: passes if awaited stimuli never came, all but errors if bench `late`.
 
         So are a pass of a scenario that did not begin where its precondition should have ended, and a failure
         because a trouble code was not reported: what it reports may be the stimulus.
@@ -358,7 +358,7 @@ class Judge:
         return [*began, *briefly, *never_made(self.expected.begins, came, self._last)]
 
     def condition_times(self) -> dict[str, float]:
-        """Return when [s] each condition that starts a stimulus first became true, by its text."""
+        """Return, by text, when [s] each condition that a stimulus awaits from time 0 became true, if it did."""
         return {condition: time for (condition, after), time in self._came().items() if after == 0.0}
 
     def _came(self) -> dict[tuple[str, float | str], float]:

@@ -75,7 +75,7 @@ class Expectations(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Progress of all expectations. Written in place."""
+    """State of the judgement of all expectations, written in place: progress, ring buffers and current values."""
 
     progress: Any  # (n,) PROGRESS
     stretches: Any  # STRETCH, the ring buffers
@@ -94,7 +94,7 @@ def forget_codes(expectations: Expectations, judged: Judged) -> None:
 
 @compilable
 def take_codes(expectations: Expectations, judged: Judged, mark: int) -> None:
-    """Set the values of the trouble codes from a frame's `mark`: a bit each, or negative for a frame without any.
+    """Set the trouble codes' values from a frame's `mark`: one bit per code; negative: it completes no reading.
 
     Of two responses in a tick, either may report a code.
     """
@@ -136,7 +136,7 @@ def signals_in(
 
 
 @compilable
-def opened(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
+def set_window(expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]) -> None:
     """Set the window's begin and end in the progress of expectation `which`; NaN: it does not open in these rows.
 
     With an opening condition it begins at the first row of this block in which the condition is true, and stays
@@ -195,7 +195,7 @@ def note_stretch(
 
 @compilable
 def is_covered(progress: Any, begin: float, step: float) -> bool:
-    """Whether a hold time that began at `begin` [s] began in the window and has a value in each tick since.
+    """Whether a hold time from `begin` [s] to now lies in the window, and its condition has a value in each tick.
 
     The accuracy is that of ticks of a `step` [s].
     """
@@ -256,7 +256,7 @@ def judge_one(expectations: Expectations, judged: Judged, which: int, rows: NDAr
     """Update the progress of expectation `which` with a block of rows, whose bus signals are in `judged`."""
     own, progress = expectations.rows[which], judged.progress[which]
     if np.isnan(progress.begin):
-        opened(expectations, judged, which, rows)
+        set_window(expectations, judged, which, rows)
     last = rows[len(rows) - 1, _TIME]
     if np.isnan(progress.begin) or last < progress.begin - SLACK:
         return

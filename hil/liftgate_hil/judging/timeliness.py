@@ -52,7 +52,7 @@ class _Late:
 
 @dataclass
 class _Second:
-    """Largest lateness of the bench and largest rate of change of the pinch force in one second of the run."""
+    """Longest frame wait within the tolerance and fastest change of the pinch force in one second of the run."""
 
     delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed

@@ -92,7 +92,9 @@ def line_of(verdict: Verdict) -> str:
 
 
 def margin_text(verdict: Verdict) -> str:
-    """Return a verdict's margin as text, with uncertainty and unit; a dash where there is none."""
+    """Return a verdict's margin as text, with uncertainty and unit; a dash if it is infinite or not to be
+    shown.
+    """
     if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
     return _amount(verdict)
@@ -113,6 +115,6 @@ def _amount(verdict: Verdict) -> str:
 
 
 def _has_two_times(verdict: Verdict) -> bool:
-    """Whether a verdict's margin was reached at another time than the expectation was fulfilled."""
+    """Whether a verdict's margin was reached at another time than its fulfilment; False for a failed one."""
     is_apart = verdict.margin_time_s not in (None, verdict.time_s)
     return verdict.has_margin and is_apart and verdict.verdict != FAIL

@@ -165,7 +165,9 @@ class Episode:
         )
 
     def _stretches(self, script: Script, stopped: Callable[[], bool]) -> None:
-        """Run stretches up to the end of the script, or until `stopped()`; empty the rings after each."""
+        """Run stretches until the script's end or `stopped()`; empty rings, reset the ECU on request. Raises as
+        `run`.
+        """
         shared = self.memory.shared
         last = script.ticks + script.is_last
         while self.state.tick < last and not stopped():

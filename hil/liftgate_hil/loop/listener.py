@@ -31,7 +31,9 @@ class Listener:
         """Called with a message: events of the link, frames awaited or rejected, requests the machine refuses."""
 
     def alarm(self, text: str) -> None:
-        """Called with an urgent message: the link lost or back, a recording ended early, a file set aside."""
+        """Called with an urgent message (link lost or back, recording ended, file set aside); default: calls
+        `say`.
+        """
         self.say(text)
 
     def starts(self, what: str) -> None:

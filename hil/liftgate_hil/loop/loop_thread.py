@@ -14,7 +14,7 @@ _BEGAN, _PROCESSOR = 19, 36
 
 
 class LoopThread:
-    """The thread that runs the loop of a process."""
+    """Finds the thread that runs the loop of a process, and the CPU that it is on."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid

@@ -40,7 +40,7 @@ class Realtime:
         self.refused: list[str] = []
 
     def prepare(self) -> None:
-        """Freeze the garbage collector's objects, lock the process's memory, and keep the CPU from deep sleep."""
+        """Freeze the collector's objects, lock memory and, where the user asked, keep the CPUs from deep sleep."""
         gc.collect()
         self._has_frozen = gc.get_freeze_count() == 0  # else the program has frozen its own, which stay so
         if self._has_frozen:
@@ -192,7 +192,7 @@ def wake_sharply() -> None:
 
 
 def prepare_thread(realtime: Realtime | None) -> None:
-    """Prepare the calling thread for a loop at a fixed step: as `realtime` requests, else only bound to a CPU.
+    """Prepare this thread for a fixed-step loop: on-time wake-up and `realtime`'s requests, or (None) a fixed CPU.
 
     Unbound, the kernel moves a thread that wakes up while its CPU is busy to another one, where it meets all that
     keeps off its own: clients of the page, for example. docs/real-time.md has the figures. A CPU to which another
@@ -213,7 +213,7 @@ def stay_on_cpu() -> None:
 
 
 def refused_here() -> list[str]:
-    """Return the real-time requests that this machine refuses: FIFO scheduling, locked memory, or none."""
+    """Try FIFO scheduling and locked memory; return the names of those that this machine refuses."""
     found = [] if has_fifo() else [FIFO]
     if lock_memory():
         found.append("locked memory")

@@ -177,7 +177,7 @@ class ProgressMonitor:
             self._sent_until = None
 
     def _foreign(self) -> str:
-        """Return a text on the first foreign frame; "": there is none, or only those of a test bench."""
+        """Return text on the first foreign frame; "": none, a test bench's, or another gate was reported."""
         first = self._texts.first_foreign(self._reception.refusals)
         if not first or self._has_reported_another:
             return ""

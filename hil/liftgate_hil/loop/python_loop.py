@@ -188,6 +188,6 @@ class Loop:
 
 
 def run_free(loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Run a loop as fast as possible for `ticks` ticks (None: until stopped)."""
+    """Run a loop at full speed up to `ticks` in all (None: no end) or `stopped()`. Raises PlantDivergedError."""
     while not stopped() and (ticks is None or loop.ticks < ticks):
         loop.advance(loop.transport.receive())

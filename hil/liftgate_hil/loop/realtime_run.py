@@ -58,7 +58,7 @@ def feedback_identifiers(rig: Rig) -> list[int]:
 
 
 class _Turns:
-    """Gives a peer its turns, and reports this thread's delay to the loop, without a tested ECU's own time."""
+    """Gives a peer its turns, and reports their delay, without a tested ECU's own computing time, to the loop."""
 
     def __init__(self, peer: PeerNode, control: Any) -> None:
         self._peer, self._control = peer, control
@@ -126,7 +126,7 @@ class RealtimeRun:
             gc.collect()  # here, not during a peer's turns
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run for `ticks` ticks (None: until stopped). Raises OverrunError, PlantDivergedError.
+        """Run up to `ticks` in all (None: no end) or `stopped()`. Raises OverrunError, PlantDivergedError.
 
         Where nothing has run on the line yet, what has come before is dropped, and the peers send first.
         """

@@ -107,7 +107,7 @@ def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
 
 @compilable
 def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int) -> None:
-    """Send the next `count` frames; if the wire accepted them all, record how late each was."""
+    """Send the next `count` frames, and count the accepted ones; if all were, record how late each was."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     end = first + count

@@ -149,7 +149,7 @@ class Memory:
         self.shared = Shared(*arrays)
 
     def touch(self) -> None:
-        """Have the kernel allocate the memory of both rings, before anything is written to them."""
+        """Fill both rings with 0, so that the kernel allocates their memory before anything is written to them."""
         for each in (self.shared.rows, self.shared.frames):
             each.view(np.uint8).fill(0)
 

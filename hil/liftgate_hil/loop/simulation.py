@@ -44,7 +44,7 @@ _AHEAD = 4  # blocks: where one takes longer to compute, or to write, the other 
 
 
 class Block(NamedTuple):
-    """The result of one block of a simulation."""
+    """One block of an offline simulation's result: its rows, and the Hall edges that occurred in it."""
 
     rows: Floats  # (n, ROW_WIDTH) of signals.COLUMNS
     edges: Any  # (m,) edge_ring.EDGE

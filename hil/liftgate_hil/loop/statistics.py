@@ -27,7 +27,9 @@ class BusLoad:
         self.bits += sum(map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist()))
 
     def percent(self, bitrate: float, seconds: float) -> float:
-        """Return the bus load [%]: the share of the time for which frames occupied the bus."""
+        """Return the bus load [%]: the share of a time [s] that frames took at a bit rate [bit/s]; 0 in no
+        time.
+        """
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 
@@ -173,7 +175,7 @@ class Summary(DescribedResult):
         return ", ".join(f"{number} {cause}" for cause, number in counts.items() if number)
 
     def silence_reported(self) -> str:
-        """Return why the gate received no command; "": it received one."""
+        """Return why the gate accepted no command, as text; "": it accepted one."""
         if self.received.accepted:
             return ""
         if rejected(self.received):
@@ -264,7 +266,7 @@ class Summary(DescribedResult):
 
 
 def in_words(times: Quantiles) -> str:
-    """Return the quantiles of a duration as text."""
+    """Return the quantiles of a duration [µs] as text; "not known" without samples."""
     if not times.count:
         return "not known"
     return (

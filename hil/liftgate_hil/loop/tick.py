@@ -60,7 +60,7 @@ WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
 
 class LoopConfig(NamedTuple):
-    """Constants of the loop, apart from those that faults change while it runs (`in_force`)."""
+    """Configuration of the loop; what faults change while it runs is replaced by `in_force`."""
 
     plant: Plant
     sensors: Sensors

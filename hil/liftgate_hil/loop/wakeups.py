@@ -67,7 +67,7 @@ def measure_wakeups(
 
 
 def in_own_thread(action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None) -> Result:
-    """Run `action` in a thread like that of the real-time loop, and return its result.
+    """Run `action` in a thread like that of the real-time loop; return its result, or raise what it raised.
 
     `end` makes it return early, for Ctrl-C.
     """

@@ -55,7 +55,7 @@ class Track:
 
 
 def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float], how: ReadOptions = AS_IT_IS) -> Measurement:
-    """Read a bus log as a measurement; `before` has panel inputs until frames state them. Raises ConfigError."""
+    """Read a bus log as a measurement; `before` holds panel inputs until their first frame. Raises ConfigError."""
     rig = replace(
         rig,
         inputs=tuple(wire for wire in rig.inputs if wire.quantity in (*_COMMANDS, *_PANEL)),
@@ -113,7 +113,7 @@ def span_of(rig: Rig, wire: SignalMapping) -> float:
 
 
 def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return timestamps made non-decreasing; frames may be slightly out of order. Raises ConfigError."""
+    """Return timestamps made non-decreasing: frames may be up to 10 ms out of order. Raises ConfigError."""
     rising = np.maximum.accumulate(times)
     late = np.flatnonzero(rising - times > _OUT_OF_TURN_NS)
     if len(late):

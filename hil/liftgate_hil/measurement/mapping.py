@@ -67,7 +67,7 @@ def near_miss(name: str, known: Mapping[str, Signal] = KNOWN) -> tuple[str, str]
 
 @dataclass(frozen=True)
 class Theirs:
-    """Column of a foreign file: scale · value + offset is in `unit` (None: the file's, else the known one's)."""
+    """Column of a foreign file; scale · value + offset is in `unit`; None: the file's, else the known column's."""
 
     name: str
     unit: str | None = None

@@ -191,7 +191,7 @@ def gaps_in(times: Floats) -> Gaps:
 
 
 def report_gaps(measurement: Measurement) -> Measurement:
-    """Return the measurement with notes on columns with gaps, or with more than 5 % of jitter."""
+    """Return the measurement with notes on output columns with gaps, or with more than 5 % of jitter."""
     groups: dict[str, list[str]] = {}
     for name, values in measurement.columns.items():
         if name not in OUTPUTS:

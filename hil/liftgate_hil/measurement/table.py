@@ -131,7 +131,7 @@ def _resolve(path: Path, file: Recording, mapping: ColumnMap, kinds: Kinds) -> T
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
-    """Remove from `names` columns that a mapped one replaces as a motor's input, and a recording's voltages."""
+    """Remove from `names` motor inputs that a mapped column replaces, and a recording's voltages unless mapped."""
     if recorded:
         for name in _VOLTAGES:
             if name not in mapping:
@@ -176,7 +176,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 
 
 def _converted(reading: TableReading, ours: str, series: FileColumn, mapping: ColumnMap) -> FileColumn:
-    """Return a file's column in the unit of the known column `ours`; an issue is added where it cannot be."""
+    """Return a file's column in the unit of the known column `ours`; if impossible unchanged, adding an issue."""
     name = reading.names[ours]
     theirs = mapping.get(ours, Theirs(name))
     found: Floats | str = theirs.issue_with_dates() if name in reading.file.starts else ""
@@ -212,7 +212,7 @@ def _check_range(reading: TableReading, ours: str, series: FileColumn) -> None:
 
 
 def _shared_times(reading: TableReading, series: Mapping[str, FileColumn]) -> Floats | None:
-    """Return the times of the file's rows; None if each column has its own."""
+    """Return the times of the file's rows, adding an issue unless they rise; None: each column has its own."""
     if reading.file.sample != "row":
         return None
     if "time_s" not in series:
@@ -262,7 +262,7 @@ def misspelt(reading: TableReading, ours: Iterable[str]) -> dict[str, str]:
 
 
 def _unread_slope(reading: TableReading) -> list[str]:
-    """Return a note on a road slope that is only in a sensor's column, which is not read."""
+    """Return a note if a road slope beyond 0.5 deg on average is only in a sensor's column, which is not read."""
     name = SENSED_PREFIX + _SLOPE
     if _SLOPE in reading.names or name not in reading.file.names:
         return []

@@ -77,7 +77,7 @@ class CyclicCommand:
         self._values = values
 
     def _check_values(self, values: NDArray[np.float64]) -> None:
-        """Check that the rig has a value for each label of an enumeration. Raises ConfigError."""
+        """Raise ConfigError if the rig has no value for one of the labels that the command's values stand for."""
         for name, missing in self._without_values.items():
             number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
             if not np.isnan(number) and labels and labels[int(number)] in missing:
@@ -105,7 +105,7 @@ class CyclicCommand:
 
 
 def _signed(duty: float, direction: Any) -> float:
-    """Return a duty [%] with the sign of the direction, if one is given. Raises ConfigError."""
+    """Return a duty [%] with the sign of the direction, if given; 0 for brake. Raises ConfigError for coast."""
     if isinstance(direction, str) and direction == "coast":
         allowed = "allowed: open, close, brake, or silence"
         raise ConfigError(f"`direction` coast: it has no signal in this rig; {allowed}")

@@ -124,7 +124,7 @@ class Restarts:
         self._programs.append(Program(self._reset))
 
     def look(self, frames: Any, now: float) -> None:
-        """Run the reset program for each reset that is due at a time [s]."""
+        """Run the program of each reset due at a time [s], one by one; a clock that waits is held up meanwhile."""
         now_ns = round(now * 1e9)
         for place in list(self._open):
             if is_due(self._requests, place, self._moments, now_ns, now_ns):

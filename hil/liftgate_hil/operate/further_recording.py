@@ -109,7 +109,7 @@ class FurtherRecording:
         return self._path.name
 
     def mark(self, time_s: float, text: object) -> None:
-        """Write a mark to all recordings that can hold marks. Raises ConfigError where there is none."""
+        """Write a mark to all recordings that can hold it. Raises ConfigError if invalid, refused, or none can."""
         if not isinstance(text, str) or not 0 < len(text) <= _LONGEST or not text.isprintable():
             raise ConfigError(f"mark {show(text)[:80]}; allowed: 1 to {_LONGEST} printable characters")
         is_open = self.is_on and self._phase in (STARTING, RECORDING)

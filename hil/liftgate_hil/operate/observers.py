@@ -76,7 +76,7 @@ def observers_of(
     restarts: Restarts | None,
     server: Server | None,
 ) -> Observers:
-    """Build the observers of a run; those for a test bench and an operator only if its plan has room for them.
+    """Build a run's observers; those for a test bench and an operator only if its plan lets faults be injected.
 
     They change the run's `stimuli`. `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to
     which an operator's requests go; `restarts` and `server` are among the observers if they are given.

@@ -46,7 +46,7 @@ _CLEARED = ("obstacle", "set", "faults", "signals", "all")
 Which = tuple[Any, ...]  # see Fault.identity
 
 
-class Broken(NamedTuple):
+class CommandedFault(NamedTuple):
     """Fault that an operator has injected, with the content of its command."""
 
     fault: Fault
@@ -68,7 +68,7 @@ class Operator:
         self._buttons = ButtonPresser(rig, target)
         self._obstacle: Mapping[str, object] = {}
         self._set: dict[str, float] = {}
-        self._faults: dict[Which, Broken] = {}
+        self._faults: dict[Which, CommandedFault] = {}
         self._signals: dict[str, object] = {}
         self.recording: FurtherRecording | None = None  # set once the run has a memory
         self.report: Callable[[float, str], None] = lambda now, done: None  # told what was done, and when
@@ -91,7 +91,9 @@ class Operator:
         }
 
     def look(self, now: float) -> None:
-        """Release the buttons whose hold time is over, at a scenario time [s], and end a series of settings."""
+        """Release buttons whose hold time is over at a scenario time [s]; end a series 1 s after its last
+        setting.
+        """
         self._buttons.release(now)
         if now - self._series_at > _SERIES_S:
             self.end_series()
@@ -164,7 +166,7 @@ class Operator:
         return do[name](content, now)
 
     def _beside(self, name: str, content: object, now: float) -> str:
-        """Execute the command `record` or `mark`, which do not act on the gate."""
+        """Execute `record` or `mark`, which do not act on the gate; return what was done. Raises ConfigError."""
         if self.recording is None:
             raise ConfigError(f"{name}: this run cannot be recorded now; allowed: once it is ready")
         if name == "mark":
@@ -184,7 +186,7 @@ class Operator:
         return "obstacle " + _words(content, units)
 
     def _surround(self, content: Mapping[str, object], now: float) -> str:
-        """Set surroundings; None clears one."""
+        """Set surroundings, and return a text on what was done; None clears one. Raises ConfigError."""
         held = surroundings_in(content)
         self._target.hold(held)
         both = {**self._set, **held}
@@ -217,7 +219,7 @@ class Operator:
         fault = located(replace(fault_of(kind, where, values), start=Instant(now)), self._rig)
         which = fault.identity
         others = {key: each for key, each in self._faults.items() if key != which}
-        self._inject({**others, which: Broken(fault, dict(content))})
+        self._inject({**others, which: CommandedFault(fault, dict(content))})
         self.kinds.add(fault.kind)
         return "fault " + _words(content)
 
@@ -259,7 +261,7 @@ class Operator:
         self._inject({key: each for key, each in self._faults.items() if key not in found})
         return f"clear fault {_words(one)}"
 
-    def _inject(self, faults: dict[Which, Broken]) -> None:
+    def _inject(self, faults: dict[Which, CommandedFault]) -> None:
         """Put these faults in force in place of all before. Raises ConfigError, and changes nothing then."""
         self._target.inject([each.fault for each in faults.values()])
         self._faults = faults

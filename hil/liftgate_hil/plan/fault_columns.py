@@ -14,7 +14,7 @@ INJECTED = FAULT_PREFIX + "injected"  # of all that a page, a program or a test 
 
 
 def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str, int]:
-    """Return the columns of a scenario's faults, each with its bit in `faults_in_force`.
+    """Return the columns of a scenario's faults by name, each with its bit mask (1, 2, 4, …) in `faults_in_force`.
 
     The first 51 faults have a column, `fault.KIND` or `fault.KIND.WHERE`; that of a later fault alike has its
     number: `fault.KIND.WHERE.2`. One for all others follows where they may be injected meanwhile (`is_open`).

@@ -31,7 +31,7 @@ class ForceLimit(NamedTuple):
 
 
 def force_limits_of(scenario: Scenario, vehicle: Vehicle, rig: Rig) -> Iterator[ForceLimit]:
-    """Yield each upper limit of the pinch force in the expectations of a scenario, which fit vehicle and rig."""
+    """Yield upper limits of the pinch force in a scenario's expectations, already checked for vehicle and rig."""
     on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
     for each in scenario.expectations:
         if each.kind == "dtc":

@@ -61,7 +61,7 @@ def origin_of(plan: Plan, bus: str = "") -> str:
 
 
 def origin_offline(setup: Setup, step: float, duration: float, files: Mapping[str, Path]) -> str:
-    """Return the provenance of a simulation of the plant alone, in steps [s], as JSON; `files` are its inputs."""
+    """Return the provenance of a simulation of the plant alone, at a `step` [s], as JSON; `files` are inputs."""
     return _origin(setup, "offline", 1.0 / step, duration, sources_of({**files, **setup.files}), {})
 
 

@@ -30,7 +30,9 @@ class RecordedSetup:
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """The vehicle of the recorded run, with all settings; None: not stated, or other parameters than now."""
+        """The recorded run's vehicle, with all settings; None: not stated, or this version has other
+        parameters.
+        """
         with contextlib.suppress(TypeError, ValueError, KeyError, AttributeError):
             found = _built(Vehicle, self.content["vehicle"])
             return found if isinstance(found, Vehicle) else None
@@ -56,7 +58,7 @@ class RecordedSetup:
 
     @cached_property
     def scenario(self) -> Scenario | None:
-        """The scenario with its parameters as recorded; None: not stated, or its files have changed since."""
+        """The scenario with its recorded parameters; None: not stated, or files are missing or changed since."""
         path = self._file("scenario").get("path", "")
         with contextlib.suppress(ConfigError):
             found = load_scenario(Path(path), self.parameters) if path else None

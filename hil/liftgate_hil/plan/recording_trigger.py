@@ -144,7 +144,7 @@ class _Ring:
 
 
 class Triggered:
-    """Sieve that selects the rows and frames around the times at which a trigger's condition is true.
+    """Filter that selects the rows and frames around the times at which a trigger's condition is true.
 
     `windows` are the latest stretches [s], in the order of time, and `count` is how many there were.
     """

@@ -38,7 +38,7 @@ class Files:
     allowed = "a path, or a list of them"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[Path, ...]:
-        """Return the paths in a value; adds issues where it has none, or an unknown suffix. Raises ConfigError."""
+        """Return a value's paths; adds an issue for other types. Raises ConfigError for invalid path or suffix."""
         from liftgate_hil.formats.open import check_file
 
         given = [value] if isinstance(value, str | Path) else value

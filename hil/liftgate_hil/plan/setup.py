@@ -36,7 +36,7 @@ def vehicle_from(
 
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:
-    """Return a variant of a vehicle: one car of its spread, or an ideal one. Raises ConfigError."""
+    """Return which variant to load: one car of the spread (seed `draw`), or an ideal one. Raises ConfigError."""
     return Variant(None if draw is None else seed_of(draw, "draw"), bool(ideal))
 
 
@@ -157,7 +157,9 @@ class Setup:
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return this setup with another scenario and vehicle; None: the scenario's own. Raises ConfigError."""
+        """Return a copy with a scenario and vehicle; `initial`, `seed` None: the scenario's. Raises
+        ConfigError.
+        """
         return replace(
             self,
             scenario=scenario,

@@ -137,7 +137,7 @@ def reset_failure(failure: int, rig: Rig) -> str:
 
 
 def off_not_made(scenario: Scenario, injected: Collection[str]) -> str:
-    """Return why `bus_off` faults, of the scenario or injected, cannot be made on a real bus; "": none is."""
+    """Return why `bus_off` faults, of the scenario or injected, cannot occur on a real bus; "": there are none."""
     found = [each.key for each in scenario.faults if each.kind == "bus_off"]
     found += ["injected"] if "bus_off" in injected else []
     return "; ".join(f"{key}: bus_off: a real controller cannot be taken off its bus from here" for key in found)
@@ -162,7 +162,7 @@ def offline_of(setup: Setup, step: float) -> Offline:
 
 
 def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Return the tables of timed requests for an ECU without its gate. Raises ConfigError for conditions."""
+    """Return timed requests as tables, with the gate in another process. Raises ConfigError for conditions."""
     issues = ConfigIssues("")
     for each in requests:
         if each.when.condition:
@@ -270,7 +270,9 @@ def _injections(
 
 
 def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
-    """Return a fault's changes (edits) of the gate's constants, except for a fault of a vehicle file's key."""
+    """Return a fault's edits of the gate's constants; none for one on the bus or of a parameter
+    (`_changed_by`).
+    """
     kind, where = FAULT_KINDS[fault.kind], fault.where or "both"
     if fault.kind == "parameter" or kind.of not in (DRIVE, GATE):
         return []

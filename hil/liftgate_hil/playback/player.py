@@ -243,7 +243,7 @@ class Player:
                 yield frames
 
     def _fill(self) -> bool:
-        """Put a block of frames into the ring as far as it fits; return False if it is full, or none is left."""
+        """Put a block of frames into the ring; False: it is full, or none is left, which marks it as whole."""
         position = self._schedule.position[0]
         block = self._waiting or next(self._blocks, None)
         if block is None:

@@ -42,7 +42,7 @@ _BEGINS = {".html": b"<!doctype", ".xml": b"<?xml", ".json": b"{"}  # how report
 
 
 def holds_form(path: Path, suffix: str) -> bool:
-    """Whether a report's content begins as its suffix (.html, .xml, .json) requires; True for other suffixes."""
+    """Whether a file begins as a report with this `suffix` (.html, .xml, .json) does; True for other suffixes."""
     with path.open("rb") as stream:
         return stream.read(_HEAD).lstrip().lower().startswith(_BEGINS.get(suffix, b""))
 
@@ -75,7 +75,7 @@ def is_of_another_kind(path: Path, kind: str) -> bool:
 
 
 def check_targets(targets: Mapping[str, str | Path | None], sources: Iterable[str | Path]) -> None:
-    """Raise ConfigError with all issues of the output files given by arguments, by the arguments' names.
+    """Raise ConfigError with all issues of output files, `targets` by their arguments' names; None: not requested.
 
     No file may be written twice, and none may be one that is read (`sources`). What killed processes have left
     beside them is removed.

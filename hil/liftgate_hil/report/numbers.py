@@ -47,7 +47,7 @@ def axis_label(column: str) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """Return a number as text with `digits` significant digits, including trailing zeros, which are known."""
+    """Return a number as text with `digits` significant digits, including trailing zeros; NaN as a dash."""
     if not math.isfinite(value):
         return NONE if math.isnan(value) else ("∞" if value > 0.0 else "-∞")
     if value == 0.0:
@@ -80,7 +80,7 @@ def deviation(std: float) -> str:
 
 
 def percent(share: float, sign: str = "") -> str:
-    """Return a number of percent as text, without the % sign; `sign` "+" always shows its sign."""
+    """Return a number of percent as text without %; `sign` "+" always shows its sign. A dash if not finite."""
     if not math.isfinite(share):
         return NONE
     if abs(share) >= 1e5:

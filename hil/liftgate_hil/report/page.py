@@ -66,7 +66,7 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
 
 
 def text(content: str) -> str:
-    """Return a text escaped for HTML elements and quoted attributes; Markup stays as it is."""
+    """Return a text, after `clean`, escaped for HTML elements and quoted attributes; Markup stays as it is."""
     return content if isinstance(content, Markup) else escape(clean(content))
 
 

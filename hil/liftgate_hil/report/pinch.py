@@ -103,7 +103,7 @@ class PinchEvent(NamedTuple):
         return self.longest_s[LIMITS.index(limit)] > limit.longest
 
     def fault(self, limit: TimedForceLimit) -> str:
-        """Return the message that the pinch force exceeds a limit, if `over` says so."""
+        """Return the message that the pinch force exceeds a limit; call this only if `over` is true."""
         if not limit.longest:
             return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"
         return (

@@ -71,7 +71,7 @@ def plot_run(path: Path, picture: RunPicture, say: Say = silent) -> None:
 
 
 def run_figure(picture: RunPicture) -> Figure:
-    """Draw angle, motor currents, Hall speed and pinch force over time, and beside them any pinch event."""
+    """Return the figure of angle, motor currents, Hall speed and pinch force over time, beside any pinch event."""
     columns = dict(picture.columns)
     for side in DRIVES:
         counts = columns.pop(f"{side}_hall_count", None)
@@ -167,7 +167,7 @@ def window_of(event: PinchEvent) -> tuple[float, float]:
 
 
 def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> None:
-    """Draw the peak pinch force, and an arrow from it to the limit that is judged."""
+    """Draw the peak pinch force with its margins in words, and an arrow from it to the first of LIMITS."""
     limit, text = LIMITS[0], f"peak {event.force_n:.1f} N\nat {event.time_s:.3f} s, {event.angle_deg:.2f} deg"
     for each in LIMITS:
         if not each.longest:

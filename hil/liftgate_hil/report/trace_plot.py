@@ -42,7 +42,7 @@ class LinearScale(NamedTuple):
 
 
 def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[float, float]:
-    """Return (low, high) of an axis for all signal `values`, and for limits if signals stay readable with them.
+    """Return (low, high) of an axis for signal `values`, and those `levels` (limits) that leave them readable.
 
     A constant signal stays readable with any limit.
     """

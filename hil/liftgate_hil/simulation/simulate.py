@@ -168,7 +168,7 @@ def simulated(
         about = origin_offline(setup, request.step, duration, files)
     offline = offline_of(setup, request.step)
     state, steps = initial_state(offline.constants.plant, setup.start_angle), round(duration / request.step)
-    course = _Course(steps * request.step, report)
+    course = _Progress(steps * request.step, report)
     content = Content(
         columns_of(setup.vehicle.drives, offline=True),
         title="liftgate-hil simulate",
@@ -194,7 +194,7 @@ def simulated(
     )
 
 
-class _Course:
+class _Progress:
     """Progress of a simulation: the time reached, and whether it was completed."""
 
     def __init__(self, duration: float, report: Callable[[float, float], None]) -> None:
@@ -248,7 +248,7 @@ def _undriven(request: SimulateRequest, samples: Samples, drives: int) -> Iterat
 
 
 def _length_of(request: SimulateRequest, times: Floats) -> float:
-    """Return the duration of the input [s]. Raises ConfigError where it is implausible, as of a jumping clock."""
+    """Return the input's duration [s]. Raises ConfigError without input, or if implausible (the clock jumped)."""
     if request.input is None:
         raise ConfigError("`duration`: missing; allowed: 0 to 1e+07 s")
     length = float(times[-1])

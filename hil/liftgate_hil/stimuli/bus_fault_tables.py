@@ -94,7 +94,7 @@ class BusFaults(NamedTuple):
 
 
 def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
-    """Return the BUS_FAULT row of a fault on the bus; `fault` is its row in the table of all faults."""
+    """Return a fault's BUS_FAULT row as a tuple of values; `fault` is its index in the table of all faults."""
     return (
         own.kind, own.direction, fault, own.identifier, own.probability, round(own.delay * 1e9), own.rate,
         own.seed, 0, 0, 0.0, -1,
@@ -104,7 +104,7 @@ def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
 def bus_faults_of(
     faults: Sequence[tuple[int, BusFault]], messages: int, slots: int = 0, always_received: Sequence[int] = ()
 ) -> BusFaults:
-    """Build the tables of faults on the bus, each with its row in `faults`, with `slots` free rows at the end.
+    """Build tables of bus faults from pairs (index in the table of all faults, BusFault), with `slots` free rows.
 
     The gate has at most `messages` messages in either direction. Frames with the identifiers `always_received` are
     received even while the gate is off its bus.

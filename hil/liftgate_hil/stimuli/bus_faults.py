@@ -96,7 +96,7 @@ def impaired(
     These are the frames whose delay is over, those of this tick, and those of babbling.
     """
     direction, now_ns = passage.direction, passage.now_ns
-    forget_what_is_over(faults, shares)
+    reset_inactive(faults, shares)
     faults.was_on[0] = faults.is_on[0]
     count = overdue(faults, room, direction, now_ns)
     if is_off(faults, shares):
@@ -109,13 +109,13 @@ def impaired(
 
 
 @compilable
-def forget_what_is_over(faults: BusFaults, shares: NDArray[np.float64]) -> None:
-    """Reset the state of faults that are not in force, so that a recurring fault starts from the beginning."""
+def reset_inactive(faults: BusFaults, shares: NDArray[np.float64]) -> None:
+    """Reset babbling of faults not in force, and frames held by injected ones, so that they can start anew."""
     for row in range(len(faults.rows)):
         if shares[faults.rows[row].fault] == 0.0:
             faults.rows[row].last_ns = -1
-            # A fault of the scenario keeps the frame that it will hold, see `left_of`; an injected one finds it
-            # in `last`.
+            # A fault of the scenario keeps the frame that it will hold, see `apply_faults`; an injected one finds
+            # it in `last`.
             for message in range(faults.held.shape[1] if faults.rows[row].rank > 0 else 0):
                 faults.held[row, message].is_held = 0
 
@@ -195,7 +195,7 @@ def put(
         return count
     direction, now_ns = passage.direction, passage.now_ns
     copy_frame(frames, frame, room, count)
-    copies, delay_ns = left_of(faults, shares, room, count, passage)
+    copies, delay_ns = apply_faults(faults, shares, room, count, passage)
     first = count
     for _ in range(copies):
         if delay_ns > 0:
@@ -218,7 +218,7 @@ def copy_frame(source: Frames, here: int, target: Frames, there: int) -> None:
 
 
 @compilable
-def left_of(
+def apply_faults(
     faults: BusFaults, shares: NDArray[np.float64], room: Frames, place: int, passage: Passage
 ) -> tuple[int, int]:
     """Apply the faults to a frame in `room`; return the number of its copies (0: lost) and their delay [ns]."""

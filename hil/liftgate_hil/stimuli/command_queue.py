@@ -118,7 +118,7 @@ def post_values(queue: CommandQueue, values: Mapping[str, float]) -> bool:
 def post_fault(
     queue: CommandQueue, slot: int, injection: Injection | None, places: Mapping[str, int], layer: int
 ) -> None:
-    """Post a fault for a slot, in force from the next tick until another command ends it; None: end it.
+    """Post a fault for a slot, in force from the next tick until ended; None: end it. The queue must have room.
 
     A fault that is in the slot already goes on with the new edits. `places` are those of the constants in their
     row. The fault is applied after those of lower layers and those injected before.
@@ -140,7 +140,7 @@ def post_fault(
 
 
 def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float, rest: float, layer: int) -> None:
-    """Post a restbus signal's value in a layer, valid from the next tick on; `instead_of`, `rest`: see COMMAND."""
+    """Post a restbus signal's value in a layer from the next tick on (see COMMAND). The queue must have room."""
     command = _next_of(queue)
     command.what, command.place, command.value = _SIGNAL, place, value
     command.instead_of, command.rest, command.layer = instead_of, rest, layer
@@ -148,13 +148,13 @@ def post_signal(queue: CommandQueue, place: int, value: float, instead_of: float
 
 
 def post_reset(queue: CommandQueue) -> None:
-    """Post a reset of the ECU by the stimulus plan's tester."""
+    """Post a reset of the ECU by the stimulus plan's tester; the queue must have room."""
     _next_of(queue).what = _RESET
     queue.head[0] += 1
 
 
 def _next_of(queue: CommandQueue) -> Any:
-    """Return the row for the next command, if there is room; the loop reads it once `head` is advanced."""
+    """Return the row for the next command, without a check for room; the loop reads it once `head` is advanced."""
     return queue.commands[int(queue.head[0]) % LENGTH]
 
 

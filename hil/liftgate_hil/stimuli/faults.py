@@ -133,7 +133,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 @outlined
 def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Update all faults' shares and the constants in force at a time [s]; return whether these have changed."""
+    """Update all faults' shares, `in_force` and constants at a time [s]; return whether any share has changed."""
     faults.next[0] = _FOREVER
     changed, bits = False, 0
     for place in range(len(faults.rows)):
@@ -154,7 +154,9 @@ def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
 
 @compilable
 def is_changed(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Whether the constants in force change at a time [s]; if so, they are updated."""
+    """Update faults at a time [s], if due; return whether shares, thus perhaps constants in force, have
+    changed.
+    """
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 

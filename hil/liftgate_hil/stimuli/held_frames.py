@@ -66,7 +66,7 @@ def keep_last(faults: BusFaults, bus: BusConfig, message: int, frames: Frames, p
 
 @compilable
 def find_held(faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int) -> None:
-    """Copy the frame delivered last to `held` of a newly injected fault that freezes a message or its counter."""
+    """Copy the frame delivered last to an empty `held` of an injected fault that freezes a message or counter."""
     if fault.kind not in (kinds.FROZEN, kinds.COUNTER) or message >= faults.last.shape[1]:
         return
     table, last = bus.messages[message], faults.last[direction - 1, message]

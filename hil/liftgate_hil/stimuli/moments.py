@@ -114,7 +114,7 @@ _MIRRORED = {codes.LT: codes.GT, codes.LE: codes.GE, codes.GT: codes.LT, codes.G
 
 
 def necessary(condition: Condition) -> _Range:
-    """Return a column's place in a row, and the closed range that it is in whenever a condition is true.
+    """Return a column's index and the closed range that it must be in for a condition to be true.
 
     This check alone decides most ticks. The place is -1 if no comparison of a column with a number is decisive.
     """
@@ -133,7 +133,7 @@ def necessary(condition: Condition) -> _Range:
 
 
 def _of_two(code: int, left: _Range | str | float | None, right: _Range | str | float | None) -> _Range | None:
-    """Return the range that follows from an operation on two operands being true; None: no range is known."""
+    """Return the column's index and range that a true operation on two operands implies; None: none is implied."""
     if code == codes.AND:
         return next((each for each in (left, right) if isinstance(each, tuple)), None)
     if isinstance(right, str) and code in _MIRRORED:
@@ -170,7 +170,7 @@ def note_frames_for(moments: Moments, frames: Frames) -> None:
 
 @compilable
 def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Update signals and moments from a tick's row and frames; return whether any moment has come with it."""
+    """Update signals and moments from a tick's row and frames; return whether any moment's condition came true."""
     if len(moments.bus.messages) > 0:
         note_frames_for(moments, given)
         note_frames_for(moments, heard)
@@ -190,5 +190,5 @@ def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Fram
 
 @compilable
 def note_moments(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Update the moments from a tick's row (1, ROW_WIDTH) and frames; return whether any moment has come."""
+    """Update moments from a tick's row (1, ROW_WIDTH) and frames; return whether one's condition came true."""
     return moments.pending[0] != 0 and look(moments, rows, given, heard)

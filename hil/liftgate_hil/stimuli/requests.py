@@ -37,7 +37,7 @@ class Request:
 
 
 def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
-    """Return requests as a table for the loop: sorted by time, then those that wait for a condition in `sheet`."""
+    """Return requests as the loop's table: sorted by time, conditional ones last; `sheet` gets their instants."""
     rows = []
     for each in requests:
         time, moment = sheet.place(each.when)
@@ -64,7 +64,7 @@ class Requests(NamedTuple):
 
 @compilable
 def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_ns: int) -> bool:
-    """Whether a request is due now: for a time by the ECU's clock, for a moment by the gate's."""
+    """Whether a request is due and not made yet: for a time by the ECU's clock, for a moment by the gate's."""
     request = requests.rows[place]
     if request.is_made != 0:
         return False

@@ -204,7 +204,7 @@ def settle(restbus: Restbus, place: int) -> None:
 
 @outlined
 def beside(restbus: Restbus, frames: Frames, now_ns: int) -> int:
-    """Write the gate's frames, and those of the restbus that are due, to `room`; return their number."""
+    """Write the gate's frames, then those of the restbus that are due, to `restbus.room`; return their number."""
     own = transmit(restbus.bus, restbus.transmission, now_ns, False)
     count = 0
     for source in (frames, own):

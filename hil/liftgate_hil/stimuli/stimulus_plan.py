@@ -145,7 +145,9 @@ def take_posted(stimuli: StimulusPlan, time: float) -> None:
 
 @compilable
 def turns(stimuli: StimulusPlan, time: float) -> bool:
-    """Apply posted commands and return whether the constants in force (`faults.row`) change at a time [s]."""
+    """Apply posted commands and faults at a time [s]; return whether shares, thus perhaps `faults.row`,
+    changed.
+    """
     take_posted(stimuli, time)
     changed = is_changed(stimuli.faults, stimuli.moments, time)
     if changed:
@@ -155,7 +157,7 @@ def turns(stimuli: StimulusPlan, time: float) -> bool:
 
 @compilable
 def note_tick(stimuli: StimulusPlan, rows: NDArray[np.float64], given: Frames, heard: Frames) -> None:
-    """Update the moments from a tick: from its row (1, ROW_WIDTH) and its frames in both directions."""
+    """Update moments from a tick's row (1, ROW_WIDTH) and frames; if one has come, faults are checked at once."""
     if note_moments(stimuli.moments, rows, given, heard):
         stimuli.faults.next[0] = _AT_ONCE
 

@@ -121,7 +121,7 @@ def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float
 
 @compilable
 def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
-    """Return the profiles' values over the step [s] that begins at a time [s]; NaN where there is no profile.
+    """Return each profile's value for the step [s] that begins at a time [s]; NaN: there is none, or not yet.
 
     For a linear profile it is the mean over the step, which is that of its ends.
     """

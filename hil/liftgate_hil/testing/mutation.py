@@ -80,7 +80,7 @@ class Matrix:
         return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
 
     def kills(self, mutant: str) -> list[tuple[str, str]]:
-        """Return the expectations that pass with the sound ECU and fail with a mutant, as (file, name)."""
+        """Return the expectations that pass with the sound ECU and fail or err with a mutant, as (file, name)."""
         return [
             (case.file, name)
             for case in self.cases
@@ -90,7 +90,7 @@ class Matrix:
 
     @property
     def killed(self) -> list[str]:
-        """Mutants that at least one scenario kills."""
+        """Names of the mutants that at least one scenario kills."""
         return [name for name in MUTANTS if self.kills(name)]
 
     @property
@@ -100,7 +100,7 @@ class Matrix:
 
     @property
     def survivors(self) -> list[str]:
-        """Mutants that no scenario kills."""
+        """Names of the mutants that no scenario kills."""
         return [name for name in MUTANTS if not self.kills(name)]
 
     def is_reached(self, mutant: str) -> bool:
@@ -131,12 +131,12 @@ class Matrix:
 
     @property
     def tolerated(self) -> list[str]:
-        """Mutants that no scenario kills although their defect shows in one."""
+        """Names of the mutants that no scenario kills although their defect shows in one."""
         return [name for name in self.survivors if self.is_reached(name)]
 
     @property
     def never_reached(self) -> list[str]:
-        """Mutants that behave in every control cycle of every scenario as the sound ECU does."""
+        """Names of the mutants that behave in every control cycle of every scenario as the sound ECU does."""
         return [name for name in self.survivors if not self.is_reached(name)]
 
     @property

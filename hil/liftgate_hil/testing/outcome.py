@@ -71,7 +71,7 @@ class Outcome(DescribedResult):
 
     @property
     def file(self) -> Annotated[str, Shown("the scenario, or the recordings that were judged")]:
-        """Path of the scenario, or of the recordings that were judged."""
+        """Path of the scenario, or of the first recording that was judged."""
         return self.case.file
 
     @property

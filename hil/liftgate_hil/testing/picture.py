@@ -71,7 +71,7 @@ def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | N
 
 
 def _panels(trace_summary: TraceSummary, view: EnvelopeView, names: Names) -> list[Panel]:
-    """Return a picture's panels: one for each compared side, then panels of the operands of calculated sides."""
+    """Return panels: one per compared signal and its counterpart, then panels of operands of calculated sides."""
     curves = {each.side.text: each for each in view.curves}
     panels: dict[str, Panel] = {}
     drawn = set()
@@ -169,7 +169,7 @@ def _bins_of_margin(view: EnvelopeView, expectation: Expectation, time_s: float)
 
 
 def _distance(line: SignalLine, bins: slice, value: float) -> tuple[float, int]:
-    """Return (distance from a value to the nearest of the `bins`, its index); infinite: no bin has a value."""
+    """Return (distance from a value to the nearest of `bins`, its index in them); infinite: no bin has a value."""
     low, high = line.low[bins], line.high[bins]
     away = np.maximum(np.maximum(low - value, value - high), 0.0)
     if not np.isfinite(away).any():

@@ -56,7 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
-    """Return the header line with what this machine denies to real-time runs (FIFO scheduling, locked memory)."""
+    """Return the header line on what this machine denies to real-time runs; None: nothing, or no bus is given."""
     if not config.getoption("liftgate_bus"):
         return None
     from liftgate_hil.loop.priority import in_one_line, refused_here
@@ -242,7 +242,9 @@ class Liftgate:
         return {name: value for name, value in options.items() if value is not None} | arguments
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
-        """Call and return `liftgate_hil.run`; ECU, bus, vehicle and rig default to pytest's options."""
+        """Return the result of a recorded `liftgate_hil.run`, by default with pytest's ECU, bus, vehicle and
+        rig.
+        """
         from liftgate_hil.drive.run import run
 
         arguments = self._with_options(arguments, "ecu", "bus", "vehicle", "rig")
@@ -284,7 +286,7 @@ class Liftgate:
 
 
 def _end_before_our_frames(error: BaseException) -> None:
-    """Cut the traceback of a LiftgateError after the test's line, before the frames of this package.
+    """Cut the traceback of a LiftgateError, or a wrong call's TypeError, after the test's line, before our frames.
 
     What it was raised from is shown only where the test's or the ECU's own code was part of that.
     """

@@ -199,7 +199,7 @@ def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats
 
 
 def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, ColumnSamples]:
-    """Return columns decoded from frames by the rig's outputs, with the emulator's own codec."""
+    """Return columns decoded from frames by the rig's outputs, with the emulator's codec; append to `notes`."""
     if not wires or not len(frames):
         return {}
     own = replace(rig, outputs=tuple(wires))
@@ -305,7 +305,7 @@ def _by_raster(
     notes: list[str],
     asked: Asked,
 ) -> RecordedRun:
-    """Return the run resampled to an even raster, from the first sample to the last one of all files."""
+    """Return the run resampled to an even raster, from first to last sample of all files. Raises ConfigError."""
     spans = [[round(1e6 * end) - each.zero_us for end in each.span] for each in files if each.span is not None]
     paths = ", ".join(str(each.path) for each in files)
     if not spans:

@@ -41,7 +41,9 @@ class ColumnSamples(NamedTuple):
         return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
 
     def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
-        """Yield gaps: samples over `longest` [s] apart (None: than usual), or the last so far before `end_us`."""
+        """Yield gaps between samples, or from the last to `end_us`, over `longest` [s] (None: 3 usual
+        intervals).
+        """
         if not len(self.times_us):
             return
         steps = np.diff(np.append(self.times_us, end_us))
@@ -66,7 +68,9 @@ class RecordedRun:
     notes: list[str] = field(default_factory=list)  # observations for the user
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
-        """Yield pairs of rows (n, ROW_WIDTH), NaN for unknown values, and the frames up to the last of them."""
+        """Yield pairs of rows (n, ROW_WIDTH), NaN where unknown, and the next frames up to the last of the
+        rows.
+        """
         rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0
@@ -81,7 +85,7 @@ class RecordedRun:
             seen = until
 
     def lacks(self, name: str) -> bool:
-        """Whether the recording has no samples of a column, or no frames for a bus signal."""
+        """Whether the recording has no samples of a column or, for a bus signal, no frames at all."""
         if name in COLUMN_PLACE:
             return name not in self.tracks and name != "time_s"
         return not self.has_frames

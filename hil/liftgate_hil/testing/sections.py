@@ -171,7 +171,7 @@ def _margin(verdict: Verdict, hold: float) -> str:
 
 
 def mutants_section(mutation: MutationResult) -> str:
-    """Return the HTML section on mutation testing: the surviving mutants, then all others."""
+    """Return the HTML section on mutants: survivors, then killed ones, then expectations that prove nothing."""
     parts = [f"<p><b>{text(mutation.reason)}.</b></p>"] if mutation.reason else []
     matrix = mutation.matrix
     if matrix is None:

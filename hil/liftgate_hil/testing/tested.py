@@ -67,12 +67,14 @@ class SuiteResult(DescribedResult):
 
     # fmt: on
     def to_json(self, indent: int | None = 2) -> str:
-        """Return the JSON that `test` and `judge` print, with an indent."""
+        """Return the JSON that `test` and `judge` print, indented by `indent` spaces; None: on one line."""
         return json.dumps(self.to_dict(), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
 class SuiteListener:
-    """Listener of a suite: is notified of each scenario, and may stop the suite. This base class does nothing."""
+    """Listener of a suite's scenarios, which may stop the suite. This base class only prints reports for
+    stdout.
+    """
 
     runs = Listener()  # of each run
 
@@ -211,7 +213,9 @@ def _names_in(request: SuiteRequest) -> list[str]:
 
 
 def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Case]:
-    """Return the cases of a request, with recordings. Raises ConfigError, also for a report over an input file."""
+    """Return a request's cases, recording if it says so. Raises ConfigError, also for a report over an input
+    file.
+    """
     names = _names_in(request)
     files = (request.vehicle, request.rig, request.ecu)
     refuse_inputs(targets, [*names, *(each for each in files if isinstance(each, str | Path))])

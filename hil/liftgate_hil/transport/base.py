@@ -98,7 +98,9 @@ class Line(Protocol):
         """
 
     def dropped(self) -> int:
-        """Return the total of dropped frames, as `read_frames` also reports with a frame; -1: not known."""
+        """Return how many frames were dropped unread, as `read_frames` also reports with a frame; -1: not
+        known.
+        """
 
     def counts(self) -> LinkCounts:
         """Return the counts of errors so far, except those that the loop counts itself and dropped frames."""

@@ -131,7 +131,7 @@ class Way(NamedTuple):
 
     @property
     def reach(self) -> str:
-        """In words, which other nodes can reach the connection; "" if that is obvious."""
+        """In words, which nodes a multicast bus reaches, and if frames may be lost unnoticed; "": no multicast."""
         return self._about_multicast("reach")
 
     @property
@@ -191,7 +191,7 @@ def open_transport(way: Way) -> Transport:
 
 
 def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda transport: transport) -> Line:
-    """Open the connection for the real-time loop; any but SocketCAN is a Transport, passed through `seen_by`.
+    """Open the connection for the real-time loop: a SocketCan, or a Pump of the Transport that `seen_by` returns.
 
     Raises ConfigError, TransportError.
     """

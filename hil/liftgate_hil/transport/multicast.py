@@ -193,7 +193,7 @@ class Echoes:
             self._pending.append((identifier, data))
 
     def is_echo(self, identifier: int, data: bytes) -> bool:
-        """Whether a received frame is a returned one of this node."""
+        """Whether a frame is this node's own; if so, it and those sent before it are no longer expected back."""
         key = (identifier, data)
         with self._lock:
             if key not in self._pending:

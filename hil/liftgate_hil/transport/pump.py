@@ -121,7 +121,7 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """Return the loop's next datagram, b"" at the end; report to the loop its wait for this thread."""
+        """Return the loop's next datagram, b"" at the end; report its wait in the socket as `line_late_ns`."""
         try:
             datagram, ancillary, _, _ = self._ours.recvmsg(_ROW.size, _ANCILLARY)
         except OSError:  # closed while the driver blocked this thread

@@ -149,13 +149,13 @@ class SerialTransport:
             self._port = None
 
     def _read(self) -> None:
-        """Read the waiting bytes and decode them into frames."""
+        """Decode the port's waiting bytes into frames in `_arrived`; at a reopened port first drop old frames."""
         port = self._open_port()
         if port is not self._read_last:  # the rest of a frame that was cut off will not arrive
             self._read_last = port
             self._decoder.reset()
             if port is not None:
-                self._drop_what_waits(port)
+                self._drop_waiting(port)
         taken = 0
         while port is not None and taken < _READ_LIMIT and len(self._arrived) < CAPACITY:
             try:
@@ -169,8 +169,8 @@ class SerialTransport:
             taken += len(data)
             self._arrived.extend(self._decoder.feed(data))
 
-    def _drop_what_waits(self, port: Any) -> None:
-        """Drop and count the frames that a reopened port had held back."""
+    def _drop_waiting(self, port: Any) -> None:
+        """Drop frames that came before a port was reopened or wait at it, and count them as `before_start`."""
         until = time.monotonic() + _DROP_S
         self._before_start += len(self._arrived)
         self._arrived.clear()
@@ -197,7 +197,7 @@ class SerialTransport:
             return 0
 
     def _wait(self, timeout: float) -> None:
-        """Wait until there is something to read; only briefly if the port does not support waiting."""
+        """Wait up to `timeout` [s] for something to read; only briefly if the port does not support waiting."""
         port = self._port
         if port is None or not is_selectable(port):
             time.sleep(min(timeout, _POLL_S))

@@ -215,7 +215,7 @@ class SocketCan:
         self._socket.close()
 
     def _enter(self, state: str) -> None:
-        """Handle a new state of the interface; a controller in bus-off stays so, with or without carrier."""
+        """Set the interface's state; leaving UP counts as a loss. Bus-off stays so, with or without carrier."""
         if self._state == BUS_OFF and state in (UP, STOPPED):
             return
         if self._state == UP and state != UP:

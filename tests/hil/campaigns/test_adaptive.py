@@ -201,7 +201,7 @@ def test_an_algorithm_that_requests_no_evaluation_ends_at_once(made: Callable) -
     assert executor.evaluated == []
 
 
-def test_shares_below_a_point_are_normal_cumulative_probabilities() -> None:
+def test_the_normal_distribution_function_turns_points_into_shares() -> None:
     points = np.array([[-3.0, 0.0], [1.5, 4.0]])
     np.testing.assert_allclose(share_below(points), norm.cdf(points), rtol=1e-12)
 

@@ -62,7 +62,7 @@ def test_a_full_grid_has_each_combination_exactly_once() -> None:
         ([], 0, False),
     ],
 )
-def test_a_design_of_seeds_and_drawn_cars_alone_counts_as_sampled(
+def test_a_design_with_samples_or_of_seeds_and_drawn_cars_alone_counts_as_sampled(
     vary: list[str], samples: int, is_sampled: bool
 ) -> None:
     assert design(*vary, samples=samples).is_sampled == is_sampled
@@ -119,7 +119,7 @@ def test_samples_do_not_depend_on_the_grids_beside_them() -> None:
     [*(("lhs", 4, count) for count in (1, 7, 64, 100)), ("sobol", 1, 64), ("sobol", 3, 64)],
 )
 def test_samples_have_one_point_in_each_stratum(method: str, dimensions: int, count: int) -> None:
-    """Sobol samples only where their number is a power of two."""
+    """Holds for Sobol samples only if their number is a power of two."""
     for each in shares_of(dimensions, count, method, 3).T:
         assert sorted(np.floor(each * count).astype(int).tolist()) == list(range(count))
 

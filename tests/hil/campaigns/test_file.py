@@ -158,7 +158,7 @@ def test_all_issues_of_all_parts_are_reported_at_once(tmp_path: Path) -> None:
     assert refusal(tmp_path, 'part = ["a"]')[0].startswith(f"{tmp_path / 'both.toml'}: part[0]: ")
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_campaign_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "none.toml"
     with pytest.raises(ConfigError, match=str(path)):
         read_campaign_file(str(path), CampaignRequest(str(path), ()))

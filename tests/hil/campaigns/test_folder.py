@@ -243,7 +243,7 @@ def test_temporary_files_stay_where_locks_are_unsupported(folder: Folder, monkey
     assert names_in(folder) == before
 
 
-def test_a_token_that_was_only_partly_written_is_ignored(folder: Folder) -> None:
+def test_a_campaigns_token_partly_written_to_the_lock_file_is_ignored(folder: Folder) -> None:
     whole = "0" * 32
     (folder.path / LOCK).write_text(f"\n{whole}\n01")
     with folder.claimed():

@@ -185,7 +185,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_truncated_or_damaged_file_counts_as_missing(folder: Path) -> None:
-    """Unless the table is whole because no value comes from the damaged byte."""
+    """A damaged file is still read if no value comes from the damaged byte."""
     store, path = Store(str(folder)), folder / "ab.parquet"
     table = pa.table({"variant": [f"v{k}" for k in range(40)], "x": np.random.default_rng(0).random(40)})
     store.put("ab", table)
@@ -269,7 +269,7 @@ def test_a_put_cut_off_by_the_file_size_limit_leaves_no_temporary_file(folder: P
     assert list(folder.iterdir()) == []
 
 
-def test_a_folder_that_vanished_is_reported(folder: Path) -> None:
+def test_a_store_folder_that_vanished_is_reported(folder: Path) -> None:
     store = Store(str(folder))
     folder.rmdir()
     for call in (lambda: store.put("ab", table_with()), store.names, store.mark):

@@ -171,7 +171,7 @@ def test_a_manifest_with_invalid_fields_counts_as_another_campaign(
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"format": 0}', "\x00"])
-def test_an_invalid_manifest_is_reported_in_one_message(content: str, folder: Folder, scenario: Path) -> None:
+def test_a_resume_reports_an_invalid_manifest_in_one_message(content: str, folder: Folder, scenario: Path) -> None:
     (folder.path / MANIFEST).write_text(content)
     assert refusal(folder, campaign_of(scenario)).startswith(f"{folder.path / MANIFEST}: ")
 

@@ -116,7 +116,7 @@ def test_an_index_has_the_lowest_and_highest_class_means_and_the_value_of_the_hi
     assert (index.low_mean, index.high_mean, index.at_high) == (5.0, 20.0, 100.0)
 
 
-def test_few_distinct_values_are_classes_of_their_own_and_many_are_divided_into_equal_classes() -> None:
+def test_few_distinct_values_are_a_class_each_and_many_are_divided_into_classes_of_equal_count() -> None:
     generator = np.random.default_rng(1)
     own, many, few = (
         classes_of(each)

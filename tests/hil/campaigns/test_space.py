@@ -326,7 +326,7 @@ def test_a_covariance_of_full_correlation_moves_its_parameters_together() -> Non
     st.lists(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3), min_size=3, max_size=3),
     st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
 )
-def test_the_covariance_is_its_root_times_its_transpose(rows: list[list[float]], scales: list[float]) -> None:
+def test_a_root_times_its_transpose_gives_the_covariance(rows: list[list[float]], scales: list[float]) -> None:
     half = np.array(rows) * np.array(scales)[:, None]
     matrix = half @ half.T
     (made,) = space("vehicle", identification=identified(covariance=matrix.tolist())).factors

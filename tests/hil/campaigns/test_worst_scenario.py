@@ -125,7 +125,7 @@ def test_other_files_are_named_relative_to_the_scenarios_folder(scenario: Path, 
     assert Path(vehicle).resolve() == own
 
 
-def test_the_file_begins_with_a_comment_on_its_origin(scenario: Path) -> None:
+def test_the_written_scenario_begins_with_a_comment_on_its_origin(scenario: Path) -> None:
     assert scenario_text(campaign_of(scenario, "rod=1,2"), [1.0], COMMENT, scenario.parent).startswith(
         "# found\n# in a search\ninclude"
     )

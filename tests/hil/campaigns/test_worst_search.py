@@ -54,7 +54,7 @@ def pocket_beside_a_harmless_minimum(low):
     ("levels", "function", "dimensions"),
     [([0] * 5, sloped_pocket, 3), ([0] * 4, pocket_beside_a_harmless_minimum, 4)],
 )
-def test_a_narrow_pocket_is_found_within_500_evaluations(levels, function, dimensions):
+def test_nine_of_ten_narrow_pockets_are_found_within_500_evaluations(levels, function, dimensions):
     # Over three sets of ten pockets: 30 of 30 and 28 of 30.
     lows = np.random.default_rng(6).uniform(0.0, 0.75, (10, dimensions))
     found = [(run(levels, 500, seed, function(low))[1] < 0).any() for seed, low in enumerate(lows)]

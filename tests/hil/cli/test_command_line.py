@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import subprocess
 import sys
@@ -450,14 +449,6 @@ def test_packages_in_the_working_folder_do_not_shadow_imported_ones(tmp_path: Pa
     assert json.loads(done.stdout)["ticks"] > 0
     assert (tmp_path / "run.csv").stat().st_size > 0
     assert (tmp_path / "run.blf").stat().st_size > 0
-
-
-def test_every_subcommand_has_a_help_text(capsys: pytest.CaptureFixture[str]):
-    for name in COMMANDS:
-        with contextlib.suppress(SystemExit):
-            main([name, "--help"])
-        out = capsys.readouterr().out
-        assert out.startswith("usage: liftgate-hil")
 
 
 def test_a_run_that_falls_too_far_behind_real_time_is_inconclusive_with_a_message(

@@ -40,7 +40,7 @@ def test_compile_fails_where_the_compiler_is_switched_off(
 
 
 def test_compile_covers_every_function_that_is_compiled_anywhere():
-    """The functions passed to `compiled` anywhere are the entry points of the table."""
+    """The functions that the package passes to `compiled` are exactly the keys of ENTRY_POINTS."""
     calls = [
         (path, node.args[0])
         for path in Path(liftgate_hil.__file__).parent.rglob("*.py")
@@ -94,6 +94,6 @@ def test_an_untested_numba_version_is_reported_once(
     assert len([each for each in told if "numba" in each]) == 1
 
 
-def test_a_killed_compiler_process_is_reported_as_an_error():
+def test_a_compile_error_is_reported_as_an_error_of_the_product():
     with pytest.raises(LiftgateError, match="ended from outside"), reporting_compilation(Listener()):
         raise compiler.CompileError("the compiler's process was ended from outside (signal 9)")

@@ -177,7 +177,7 @@ FAILED: dict[str, Any] = {"force": 0.0}
         ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
     ],
 )
-def test_doubtful_or_failed_expectations_of_a_late_run_count_as_a_busy_machine(
+def test_an_inconclusive_expectation_or_a_failure_of_a_late_run_counts_as_a_busy_machine(
     changes: dict[str, Any], said: str
 ) -> None:
     assert busy_with(shown(**changes), is_ours=True) == said
@@ -226,7 +226,7 @@ def test_on_a_machine_too_busy_for_real_time_the_demo_repeats_on_the_free_clock(
     assert (folder / "demo.png").is_file()
 
 
-def test_the_page_shows_the_repeated_run_at_the_same_address_with_the_same_token(
+def test_the_page_shows_the_recording_of_the_repeated_run_at_the_same_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     served: list[Any] = []

@@ -23,6 +23,7 @@ def test_a_help_text_begins_with_usage_and_ends_with_examples(
     capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     text = helped(capsys, name)
+    assert text.startswith("usage: liftgate-hil")
     assert len(text.splitlines()[0]) < 100
     examples = text.partition("\nexamples:\n")[2].splitlines()
     assert examples == [f"  {each}" for each in COMMANDS[name].examples]
@@ -46,7 +47,7 @@ def test_help_and_version_are_the_only_flags_without_a_subject(
     assert re.findall("^  (-[^ ]+)", others, re.MULTILINE) == ["-h,", "--version"]
 
 
-def test_a_flag_that_no_subject_names_stands_beside_the_flag_before_it() -> None:
+def test_a_flag_without_a_group_is_listed_in_the_group_of_the_flag_before_it() -> None:
     parser = argparse.ArgumentParser(prog="any", formatter_class=Formatter)
     for flag in ("--vehicle", "--new", "--output"):
         parser.add_argument(flag, metavar="X", help="what it is")

@@ -192,7 +192,7 @@ def test_true_parameters_are_found_from_decimated_and_resampled_data(
         samples = [each["samples"]["gate_angle_deg"] for each in result["experiments"]]
         assert samples == [count - 2 for count in counts]
         notes = [note for note in result["notes"] if "decimated by 3 after a low-pass filter" in note]
-        assert [f": {count} samples of" in note for count, note in zip(counts, notes, strict=True)]
+        assert all(f": {count} samples of" in note for count, note in zip(counts, notes, strict=True))
         assert all(("resampled to 200 Hz" in note) == bool(more) for note in notes)
     lines = complaint(capsys, "identify", opening, slow, "--estimate", NAMES, "--decimate", 150)
     assert lines == [
@@ -301,7 +301,7 @@ def test_a_bound_limits_the_estimate_and_is_reported(capsys: pytest.CaptureFixtu
     assert "motor.resistance: at its bound 0.72" in lines[0]
 
 
-def test_a_prior_of_tiny_variance_overrides_the_data(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_a_prior_of_tiny_deviation_overrides_the_data(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     result = found(capsys, opening, "--estimate", "motor.resistance", "--prior", "motor.resistance=0.8:1e-9")
     assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.8, abs=1e-6)
 
@@ -386,7 +386,7 @@ def test_issues_of_all_files_are_reported_at_once(
     rubbish = tmp_path / "rubbish.mf4"
     rubbish.write_bytes(bytes(range(256)) * 20)
     lines = complaint(capsys, "identify", opening, empty, rubbish, tmp_path / "none.csv", "--preset", "thesis-1")
-    assert [name in line for name, line in zip(("empty", "rubbish", "none"), lines, strict=True)]
+    assert all(name in line for name, line in zip(("empty", "rubbish", "none"), lines, strict=True))
 
 
 def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
@@ -471,7 +471,7 @@ def test_constant_hall_counts_of_a_locked_rotor_do_not_prevent_the_use_of_its_cu
     assert "never changes" in complaint(capsys, "identify", path, *flags)[0]
 
 
-def test_a_plan_ranks_experiments_and_refuses_a_html_report(
+def test_a_plan_prints_the_json_that_it_writes_and_refuses_a_html_report(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     plan = ("identify", "--plan", "--estimate", "motor.resistance", "--duration", 1)

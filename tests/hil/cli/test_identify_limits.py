@@ -29,7 +29,7 @@ def weak(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_columns(folder / "weak.csv", columns)
 
 
-def test_constants_that_would_generate_energy_are_estimated_at_the_limit_and_can_be_used(
+def test_motor_constants_that_would_generate_energy_are_held_at_the_limit_for_vehicles(
     capsys: pytest.CaptureFixture[str], weak: Path, tmp_path: Path
 ) -> None:
     saved, report = tmp_path / "saved.toml", tmp_path / "report.json"
@@ -46,7 +46,7 @@ def test_constants_that_would_generate_energy_are_estimated_at_the_limit_and_can
         assert call("simulate", "--voltage", 9, "--duration", 0.01, *flags) == 0
 
 
-def test_a_torque_constant_that_would_generate_energy_is_refused(
+def test_a_torque_constant_estimated_alone_that_would_generate_energy_is_refused(
     capsys: pytest.CaptureFixture[str], weak: Path
 ) -> None:
     assert call("identify", weak, "--estimate", "motor.torque_constant", "--quiet") == 2

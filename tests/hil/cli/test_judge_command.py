@@ -110,7 +110,7 @@ def test_the_flag_one_run_joins_files_of_any_name_into_one_run(
         (["s.toml"], "format '.toml'; allowed: .csv, .tsv"),
     ],
 )  # fmt: skip
-def test_wrong_usage_is_one_line_and_exit_code_2(
+def test_wrong_usage_is_exit_code_2_and_no_traceback(
     judged: Any, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
 ) -> None:
     try:
@@ -123,7 +123,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     assert "Traceback" not in captured.err
 
 
-def test_a_stop_marks_the_remaining_runs_as_errors_in_every_report(
+def test_a_stop_marks_the_run_being_judged_and_the_remaining_ones_as_errors(
     judged: Any, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = judged_suite.judged

@@ -50,7 +50,7 @@ def test_a_run_without_a_duration_has_no_time_bar():
     assert "━" in gate
 
 
-def test_overruns_and_refused_frames_are_shown():
+def test_overruns_and_unsent_rejected_and_foreign_frames_are_shown_if_there_are_any():
     lines = lines_of(STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7, unsent=4))
     assert lines[3] == "command  no command"
     assert lines[-1] == "         7 overruns  4 not sent  2 rejected  9 foreign"

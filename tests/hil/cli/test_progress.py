@@ -91,7 +91,7 @@ def test_the_display_fits_into_forty_columns(monkeypatch):
         assert text.endswith("…")
 
 
-def test_a_closed_display_is_not_drawn_again(monkeypatch):
+def test_a_closed_display_is_not_drawn(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         progress = ProgressDisplay(Screen(), "convert", clock=clock)
@@ -108,7 +108,7 @@ def test_a_thread_draws_the_display_while_nothing_is_reported(monkeypatch):
         assert terminal.lines() == []
 
 
-def test_without_a_terminal_there_is_no_thread_and_no_text(capsys):
+def test_without_a_terminal_there_is_no_thread_and_a_short_operation_writes_nothing(capsys):
     with ProgressDisplay(Screen(), "plot", after_s=0.0) as progress:
         assert progress._thread is None
         progress.update(text="rows")

@@ -28,7 +28,7 @@ BA_DEF_DEF_ "GenMsgCycleTime" 10;
 RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\n'
 
 
-def test_the_shipped_rig_is_valid_and_all_its_mapped_signals_are_listed(capsys: pytest.CaptureFixture[str]):
+def test_the_shipped_rig_is_valid_and_its_messages_are_listed(capsys: pytest.CaptureFixture[str]):
     assert main(["rig", "check", "liftgate"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
@@ -51,7 +51,7 @@ def test_a_foreign_rig_is_listed_with_units_conversions_and_ranges(capsys: pytes
     assert lines[-1].endswith("fits compact at 2000 Hz")
 
 
-def test_a_rig_without_requests_gives_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_rig_without_driver_buttons_gives_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_rig(tmp_path, DATABASE, RIG + 'gate_angle = "Fine.Angle"\n')
     main(["rig", "check", str(path)])
     note = "driver buttons cannot reach an ECU on the bus: [requests] maps them, see docs/rig.md"
@@ -115,7 +115,7 @@ def test_json_has_the_table_and_the_issues(tmp_path: Path, capsys: pytest.Captur
         (["rig", "draft", "their.toml"], "allowed: a file of .dbc, .arxml, .kcd, .sym"),
     ],
 )
-def test_an_unreadable_file_is_reported_with_exit_code_2(
+def test_a_missing_file_or_one_of_the_wrong_type_is_reported_with_exit_code_2(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -40,7 +40,7 @@ def test_a_shorter_picture_erases_a_longer_one_completely(monkeypatch):
         assert terminal.lines() == ["", "one"]
 
 
-def test_the_latest_picture_is_shown_until_it_is_removed(monkeypatch):
+def test_an_inner_picture_hides_updates_of_the_outer_one_until_it_is_removed(monkeypatch):
     with as_stderr(monkeypatch) as terminal:
         screen = Screen()
         screen.show("outer", lambda width: "outer")

@@ -83,7 +83,7 @@ def test_frames_follow_the_rig_of_the_scenario(command: str, tmp_path: Path) -> 
     assert not foreign & ours
 
 
-def test_an_ecu_class_in_the_working_directory_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_working_directory_is_searched_for_ecus_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ecu = "class Ecu:\n    def step(self, now_s, frames):\n        return []\n"
     (tmp_path / "silent_ecu.py").write_text(ecu)
     (tmp_path / "numpy.py").write_text("raise SystemExit('code of the working directory was run')\n")

@@ -130,7 +130,7 @@ def test_an_output_file_used_as_input_gives_the_same_motion(tmp_path: Path) -> N
         assert np.array_equal(values, first[name])
 
 
-def test_slope_and_settings_reach_the_plant(tmp_path: Path) -> None:
+def test_a_road_slope_in_the_input_file_has_the_same_effect_as_the_setting(tmp_path: Path) -> None:
     flat = simulate(tmp_path, "--voltage", "12", "--duration", "1")
     setting = "environment.road_slope_deg=8"
     steep = simulate(tmp_path, "--voltage", "12", "--duration", "1", "--set", setting)

@@ -92,7 +92,7 @@ def test_a_failure_after_a_stop_has_the_stops_exit_code(clock: Clock) -> None:
     assert (str(failure), failure.exit_code) == ("x", 143)
 
 
-def test_an_interrupt_is_raised_except_inside_an_import(clock: Clock) -> None:
+def test_an_interrupt_inside_an_import_ends_the_process_and_elsewhere_is_raised(clock: Clock) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGINT, None)
     assert clock.ends == []

@@ -94,7 +94,7 @@ def test_progress_waits_while_results_are_printed(monkeypatch: pytest.MonkeyPatc
         assert terminal.lines()[-1].endswith("2 running: a.toml, a.toml")
 
 
-def test_compilation_is_reported_even_when_quiet() -> None:
+def test_the_listener_of_one_run_of_a_suite_reports_compilation_but_not_its_start() -> None:
     said: list[str] = []
 
     class Hears(Teller):

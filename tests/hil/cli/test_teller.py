@@ -52,7 +52,7 @@ def test_the_panel_is_drawn_a_few_times_a_second(monkeypatch: pytest.MonkeyPatch
         assert [picture[1].split()[1] for picture in terminal.pictures()] == ["0.0", "2.0", "4.0", "6.0", "8.0"]
 
 
-def test_a_run_on_the_free_clock_gets_a_panel_only_after_two_seconds(monkeypatch: pytest.MonkeyPatch):
+def test_a_panel_with_a_delay_is_drawn_only_after_the_delay(monkeypatch: pytest.MonkeyPatch):
     with as_stderr(monkeypatch) as terminal:
         clock = Clock()
         teller = Teller(is_quiet=False, view=PanelView(after_s=2.0), clock=clock)
@@ -150,7 +150,7 @@ def test_a_teller_sent_to_a_worker_process_draws_the_panel_there(monkeypatch: py
 def test_a_line_is_written_in_one_call_so_that_other_output_cannot_split_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """An unbuffered stream (PYTHONUNBUFFERED) passes each write on: another line got into a page's address."""
+    """An unbuffered stream (PYTHONUNBUFFERED) passes each write on, so that another line could split it."""
     writes: list[str] = []
     for is_terminal in (False, True):
         stream = SimpleNamespace(

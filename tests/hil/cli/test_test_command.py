@@ -91,7 +91,7 @@ def test_an_error_does_not_leave_reports_of_an_earlier_run(arguments: list[str])
 
 
 @pytest.mark.parametrize("wrong", [["--html", "-"], ["--json"], ["--json", "no/x.json"], ["--results", "s.toml"]])
-def test_a_wrong_flag_is_an_error_in_the_other_reports(wrong: list[str]) -> None:
+def test_a_wrong_flag_for_one_report_is_an_error_in_the_junit_report(wrong: list[str]) -> None:
     scenario("s.toml", RESTS)
     assert main(["test", "s.toml", "--junit", "j.xml"]) == 0
     assert main(["test", "s.toml", "--junit", "j.xml", *wrong]) == 2
@@ -360,7 +360,7 @@ def test_frames_refused_by_the_gate_are_noted_beside_the_verdicts(
     assert told["sources"]["ecu"]["path"].endswith("wrong_ecu.py")
 
 
-def test_a_counter_with_other_steps_is_noted_with_the_verdicts(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> None:
+def test_a_counter_with_steps_of_2_is_noted_as_missing_frames(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> None:
     Path("odd_ecu.py").write_text(
         "import can\n"
         f"COMMANDS = {[command_frame(rig, 2 * k)[1] for k in range(60)]!r}\n"
@@ -417,7 +417,7 @@ def test_refused_frames_and_late_commands_are_noted_with_their_cause(
         ),
     ],
 )
-def test_an_ecu_without_an_accepted_command_is_noted_and_may_print(
+def test_an_ecu_without_an_accepted_command_is_noted_and_its_prints_go_to_stderr(
     frames: str, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("mute_ecu.py").write_text(

@@ -159,7 +159,7 @@ def test_result_and_page_name_their_source_files(
         assert each in shown
 
 
-def test_the_printed_text_has_file_output_and_fit(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+def test_the_printed_text_has_only_the_chosen_outputs(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
     assert call("validate", opening, "--outputs", "current", *settings(TRUTH)) == 0
     text = capsys.readouterr().out
     assert opening.name in text
@@ -216,7 +216,7 @@ def test_a_call_without_a_file_is_refused(capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize("inertia", [4e-6, 6e-6, 1.1e-5])
-def test_a_light_motor_that_starts_at_the_first_sample_begins_at_rest(
+def test_no_initial_state_is_estimated_for_a_light_motor_that_starts_at_the_first_sample(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, inertia: float
 ) -> None:
     file = Path(__file__).parents[3] / "docs/examples/car.toml"

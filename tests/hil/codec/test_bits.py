@@ -71,7 +71,7 @@ def array_of(payload: bytes) -> np.ndarray:
 
 @CALM
 @given(payloads, places(32))
-def test_a_raw_value_is_read_bit_by_bit_from_the_lowest(payload: bytes, place: BitPlace):
+def test_a_raw_value_equals_one_that_is_assembled_bit_by_bit(payload: bytes, place: BitPlace):
     expected = sum(
         (payload[number // 8] >> (number % 8) & 1) << index for index, number in enumerate(bits_of(place))
     )

@@ -289,7 +289,7 @@ def test_frames_of_car_makers_are_accepted_and_reproduced(maker: str):
 
 
 def test_a_sum_over_the_identifier_is_a_named_checksum_in_any_byte():
-    """As of Subaru and Tesla; the frame is from opendbc's code for Subaru."""
+    """Subaru and Tesla use such checksums; the frame is from opendbc's code for Subaru."""
     message = message_of(8, (0, 8, "little_endian"), identifier=0x122)
     bus = bus_of(message, {"checksum": "Crc", "checksum_kind": "sum8"})
     payload = bytes.fromhex("c5c924c3597164c4")

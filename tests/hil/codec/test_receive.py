@@ -78,7 +78,7 @@ def test_a_valid_command_is_accepted(rig: Rig, bus: BusConfig, fresh: Reception)
     assert np.isnan(value(reception, "hand_force"))
 
 
-def test_values_of_the_panel_message_are_accepted(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_values_of_a_bench_control_message_are_accepted(rig: Rig, bus: BusConfig, fresh: Reception):
     frame = panel_frame(
         rig, ObstacleAngle=35.0, ObstacleRate=10.0, RoadSlope=-12.0, SupplyVoltage=9.5,
         HandForce=-200.0,
@@ -239,7 +239,7 @@ def test_values_become_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusCo
     assert forgotten(bus, old, start + 60 * MS)[1] == 0
 
 
-def test_values_of_the_panel_never_become_stale(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_values_of_a_bench_control_message_never_become_stale(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, _ = take(bus, fresh, panel_frame(rig, HandForce=100.0))
     reception, stale = forgotten(bus, reception, 10**15)
     assert stale == 0

@@ -414,7 +414,7 @@ def test_a_multiplexer_page_has_the_start_values_of_all_its_signals(codec: Codec
 
 
 def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec):
-    """At the end all pages are sent at once, and the same tables read the values back."""
+    """The last transmission sends all pages at once, and the same tables read all values back."""
     message, names = multiplexed(), ("A", "B", "C")
     mappings = [SignalMapping(name, "M", name) for name in names]
     options = {"M": MessageOptions(cycle_ms=10.0)}
@@ -458,7 +458,7 @@ def test_each_signal_is_on_a_sent_page_and_no_page_is_sent_without_a_signal(plac
 
 
 @pytest.mark.parametrize("page", [0, 1])
-def test_a_value_held_until_it_is_sent_waits_for_its_multiplexer_page(page: int):
+def test_how_often_a_signal_was_sent_counts_only_frames_of_its_multiplexer_page(page: int):
     message = multiplexed()
     mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
     bus = bus_config_of({"M": message}, mappings, sending=True)

@@ -81,7 +81,7 @@ def test_an_invalid_condition_is_reported(text: str, said: str) -> None:
 
 @CALM
 @given(st.text(alphabet="abs()andornt $p.<>=!+-*/01e_gM\n\té", max_size=40))
-def test_any_text_is_parsed_or_refused_with_a_message(text: str) -> None:
+def test_any_text_is_parsed_or_refused_without_a_crash(text: str) -> None:
     with contextlib.suppress(ValueError):
         parsed(text, PARAMETERS)
 

@@ -56,7 +56,7 @@ def test_a_too_long_file_name_is_reported_as_such(name: str):
 
 
 @pytest.mark.parametrize("name", ["x\0y.toml", "\udcff.toml", "none", "none.toml", "none/none"])
-def test_a_name_without_a_file_is_reported_as_such(tmp_path: Path, name: str):
+def test_a_name_that_is_neither_a_file_nor_a_shipped_name_is_reported(tmp_path: Path, name: str):
     (issue,) = issues_of(find_config, "vehicles", name)
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 

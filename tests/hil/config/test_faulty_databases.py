@@ -159,7 +159,7 @@ def test_two_messages_that_differ_only_in_the_extended_flag_are_both_left_out(tm
     }  # fmt: skip
 
 
-def test_an_attribute_with_a_contradictory_definition_does_not_cost_a_message(tmp_path: Path):
+def test_an_attribute_with_a_contradictory_definition_is_left_out_and_its_message_kept(tmp_path: Path):
     # cantools takes the send type for a text.
     more = (
         'BA_DEF_ BO_ "GenMsgSendType" INT 0 9;\nBA_DEF_DEF_ "GenMsgSendType" 1;\nBA_ "GenMsgSendType" BO_ 832 2;\n'

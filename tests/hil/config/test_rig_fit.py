@@ -68,7 +68,7 @@ def test_the_shipped_rig_fits_every_shipped_vehicle(name: str):
         ("0|8@1+ (1,30) [0|0]", "degC", "ambient_temperature"),
     ],
 )
-def test_a_signal_too_narrow_for_every_motion_is_refused(tmp_path: Path, place: str, unit: str, quantity: str):
+def test_a_range_narrower_than_any_motion_is_refused(tmp_path: Path, place: str, unit: str, quantity: str):
     rig = rig_for(tmp_path, place, unit, quantity)
     with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X has the range .* any motion of"):
         loop_config_of(suv(), rig, 1000.0, 0)
@@ -116,7 +116,7 @@ def test_a_signal_of_a_missing_drive_is_not_checked(tmp_path: Path):
     check_fit(rig, vehicle_from("compact"), 1000.0)
 
 
-def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
+def test_a_sent_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
     rig = current_rig(tmp_path, cycle=2.5)
     check_fit(rig, suv(), 400.0)
     with pytest.raises(ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"):

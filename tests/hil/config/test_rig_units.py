@@ -130,7 +130,7 @@ def direction(signal: str) -> str:
     return rig('left_current = "Out.X"', INPUTS + f"left_direction = {signal}\n")
 
 
-def test_labels_equal_to_those_of_the_catalogue_need_no_values(tmp_path: Path):
+def test_labels_equal_to_those_of_the_quantity_need_no_values(tmp_path: Path):
     (_, wire) = rig_of(tmp_path, database("A"), direction('"Cmd.Dir"')).inputs
     assert wire.values is None
     content = database("A").replace('1 "open" 2 "close"', '2 "Open" 1 "CLOSE"')

@@ -217,7 +217,7 @@ def test_an_invalid_setting_of_a_scenario_is_not_reported_for_the_vehicle_file(t
     assert issue.startswith(f"{tmp_path / 'stimuli.toml'}: set.motor.resistance: -1 is out of range")
 
 
-def test_a_folder_given_as_vehicle_resolves_beside_the_scenario(tmp_path: Path):
+def test_a_vehicle_path_is_resolved_beside_the_scenario_even_if_it_is_a_folder(tmp_path: Path):
     (tmp_path / "gate.toml").mkdir()
     assert load(tmp_path, 'vehicle = "gate.toml"\n').vehicle == str(tmp_path / "gate.toml")
 

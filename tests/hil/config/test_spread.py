@@ -246,7 +246,7 @@ def test_a_gate_of_the_python_api_can_be_a_drawn_car(tmp_path: Path):
     assert len(set(currents)) == 3
 
 
-def test_run_to_run_friction_depends_on_the_seed_and_is_the_same_in_simulate_and_run(tmp_path: Path):
+def test_run_to_run_friction_depends_on_the_seed_and_is_the_same_in_simulate_and_in_python(tmp_path: Path):
     text = WITHOUT.replace("[friction]", "[friction]\nrun_deviation = 0.1\neccentricity = 0.2")
     path = vehicle_file(tmp_path, "", text)
     duties = text_file(tmp_path / "duties.csv", "time_s,left_duty,right_duty\n0,0.6,0.6\n")

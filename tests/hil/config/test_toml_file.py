@@ -43,7 +43,7 @@ def test_a_file_that_is_no_toml_is_one_issue_with_its_path(
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_an_empty_file_raises_only_config_error(tmp_path: Path, load: Callable[[Path], Any]):
+def test_an_empty_file_is_an_issue_unless_it_is_a_scenario(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "empty.toml", "")
     if load is load_scenario:
         assert load(path).duration is None

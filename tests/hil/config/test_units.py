@@ -23,7 +23,7 @@ SHARE = Signal("", -1.0, 1.0, "")
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
-def test_the_unit_of_every_quantity_of_the_catalogue_is_known(name: str):
+def test_the_unit_of_every_quantity_is_known(name: str):
     quantity = QUANTITIES[name]
     assert conversion(quantity, quantity.unit or "1") == (1.0, 0.0)
 
@@ -116,7 +116,7 @@ def test_a_spelling_means_only_one_unit_of_a_dimension():
                 assert meant.setdefault(units._folded(name), unit) == unit, name
 
 
-def test_the_dimensions_number_and_share_are_distinguished():
+def test_a_count_and_a_share_have_different_dimensions_and_units():
     assert dimension_of(COUNT) == "number"
     assert dimension_of(SHARE) == "share"
     assert conversion(COUNT, "counts") == (1.0, 0.0)
@@ -124,6 +124,6 @@ def test_the_dimensions_number_and_share_are_distinguished():
     assert dimensions_named("g") == ["acceleration", "mass"]
 
 
-def test_the_spellings_of_a_unit_include_our_own():
+def test_the_spellings_of_a_unit_have_their_conversions():
     assert spellings(of_unit("A"))["mA"] == (0.001, 0.0)
     assert spellings(of_unit("A"))["A"] == (1.0, 0.0)

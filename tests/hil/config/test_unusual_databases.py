@@ -105,7 +105,7 @@ def test_signals_of_more_than_64_bits_are_refused_where_they_would_be_sent_or_ma
 @pytest.mark.parametrize(
     ("limits", "expected"), [('max="50"', (-128.0, 50.0)), ('min="-3"', (-3.0, 127.0)), ("", (-128.0, 127.0))]
 )
-def test_one_limit_of_a_signal_counts_without_the_other(limits: str, expected: tuple[float, float]) -> None:
+def test_a_minimum_or_a_maximum_alone_limits_a_signal(limits: str, expected: tuple[float, float]) -> None:
     text = (
         '<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/><Bus name="b">'
         '<Message id="0x10" name="M" length="1"><Signal name="S" offset="0" length="8">'

@@ -34,7 +34,7 @@ def compared(first: Path, second: Path, **more: object) -> Comparison:
     return compare_tables((open_table(first), open_table(second)), **more)  # type: ignore[arg-type]
 
 
-def test_a_recording_equals_itself_and_its_conversion(tmp_path: Path) -> None:
+def test_a_recording_equals_its_conversion(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     path = table(tmp_path / "a.csv", ROWS)
     convert(path, tmp_path / "b.mcap")
@@ -278,7 +278,7 @@ def test_frames_are_compared_one_by_one(tmp_path: Path) -> None:
         assert (found.counts, found.first) == ((50, count), unlike)
 
 
-def test_frames_of_a_real_time_run_are_equal_in_every_format(tmp_path: Path) -> None:
+def test_frames_with_absolute_times_are_equal_in_every_format_of_bus_logs(tmp_path: Path) -> None:
     epoch = 1_700_000_000_123_000_000
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     for name in ("b.log", "b.asc", "b.trc"):

@@ -295,7 +295,7 @@ def test_a_value_that_would_be_lost_is_reported(tmp_path: Path) -> None:
 
 
 def test_left_out_frames_and_samples_are_noted_separately(tmp_path: Path) -> None:
-    """Whether the rows are read after the frames or before them."""
+    """Reading the rows does not clear the notes on frames, nor the reverse."""
     found = open_recording(recorded(tmp_path / "one.mf4", some_rows(300), some_frames()))
     found.account.leave_out("frame", "of another bus", "can1")
     list(found.rows(["time_s"]))
@@ -490,7 +490,7 @@ def test_a_stopped_conversion_leaves_the_previous_target(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_sigint_or_sigterm_ends_convert_without_an_output_file(tmp_path: Path, number: int) -> None:
+def test_sigint_or_sigterm_ends_convert_and_reports_the_target_as_not_written(tmp_path: Path, number: int) -> None:
     """The target is a pipe, so that the conversion is certainly under way."""
     pipe = tmp_path / "out.log"
     os.mkfifo(pipe)

@@ -179,7 +179,7 @@ def test_a_rig_may_be_named_in_place_of_a_database(tmp_path: Path) -> None:
     assert {name.partition(".")[0] for name in found.signals} < {"time_s", *shipped_rig().messages}
 
 
-def test_a_float_that_is_not_a_number_in_a_frame_stays_none() -> None:
+def test_a_nan_in_a_float_signal_is_decoded_as_nan() -> None:
     database = database_of('SG_ S : 0|32@1- (1,0) [0|0] "" A', length=8)
     database.messages[0].signals[0].is_float = True
     sent = [np.float32(value).tobytes() + bytes(4) for value in (1.5, math.nan, 7.5)]

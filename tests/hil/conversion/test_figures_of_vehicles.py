@@ -84,7 +84,7 @@ def test_drive_torque_curves_equal_those_of_the_plant(along: float, word: str) -
         assert curve(drives, f"{word}, rated")[1][k] == pytest.approx(expected)
 
 
-def test_snow_and_latch_are_drawn_where_present_and_without_a_seal_there_is_no_second_panel() -> None:
+def test_snow_and_latch_torques_are_drawn_where_present_and_enlarged_panels_only_with_a_seal() -> None:
     figure = figure_of("forces", "suv", "environment.snow_mass=10", "latch.half=0.012", "seal.force=0")
     whole, _ = figure.axes
     labels = [each.get_text() for each in whole.get_legend().get_texts()]
@@ -215,7 +215,7 @@ def test_a_figure_file_is_reproducible_in_every_format(
     assert call("phase", tmp_path, f"b{suffix}") == content
 
 
-def test_figure_files_are_named_after_their_subject(
+def test_figure_files_are_named_after_recording_or_vehicle_and_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -247,7 +247,7 @@ def test_figure_files_are_named_after_their_subject(
         (["plot", "short.csv", "--figure", "phase"], "short.csv: gate_rate_degps: missing; allowed: "),
     ],
 )
-def test_a_wrong_call_is_one_line_and_exit_code_2(
+def test_wrong_usage_is_one_line_and_exit_code_2(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

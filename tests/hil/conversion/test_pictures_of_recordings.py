@@ -187,7 +187,7 @@ def test_a_bus_log_is_drawn_with_a_rig(tmp_path: Path, capsys: pytest.CaptureFix
     assert "no frame of its messages is in" in capsys.readouterr().err
 
 
-def test_a_missing_value_is_drawn_as_a_gap(tmp_path: Path) -> None:
+def test_a_recording_with_missing_values_can_be_drawn(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", [(t, math.nan, b) for t, _, b in ROWS])
     assert main(["plot", str(path), "--output", str(tmp_path / "a.png")]) == 0
 

@@ -30,7 +30,7 @@ def test_the_initial_values_of_each_fault_form_make_a_valid_fault(kind: str) -> 
     assert found.kind == kind
 
 
-def test_each_switch_has_a_button_for_on_and_off() -> None:
+def test_only_two_valued_inputs_have_a_button_for_each_value() -> None:
     switches = [name for name, signal in PROFILES.items() if signal.values]
     assert switches
     for name, spec in CONTROLS["set"].items():

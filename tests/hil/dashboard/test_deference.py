@@ -58,7 +58,7 @@ def test_all_threads_but_the_excluded_ones_leave_the_cpu_of_the_loop() -> None:
     assert kept == [without, [allowed[-1]]]
 
 
-def test_a_page_has_the_lowest_priority_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
+def test_a_page_has_a_lower_priority_than_its_run_and_avoids_the_cpu_of_the_loop(tmp_path: Path) -> None:
     with bench(tmp_path, "deference") as run:
         wait_for(lambda: LoopThread(run.pid).cpu() is not None)
         with page_beside(run, tmp_path) as client:

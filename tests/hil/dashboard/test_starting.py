@@ -65,7 +65,7 @@ def test_no_run_starts_after_the_dashboard_was_closed(starter: Starter) -> None:
     assert starter.running is None
 
 
-def test_a_run_that_ends_at_once_is_reported_with_the_reason(starter: Starter, tmp_path: Path) -> None:
+def test_a_run_that_does_not_begin_is_reported_with_the_reason(starter: Starter, tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("nonsense = 1")
     with pytest.raises(RunGoneError, match=r"a.toml did not begin \(exit code 2\): .*nonsense"):
         starter.start("a.toml")

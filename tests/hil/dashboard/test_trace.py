@@ -29,7 +29,7 @@ def after(kept: FrameTrace, number: int) -> tuple[int, list[int]]:
     return first, found["time_ns"].tolist()
 
 
-def test_each_frame_is_returned_once_and_in_order(kept: FrameTrace) -> None:
+def test_the_frames_after_a_given_number_are_returned_in_order(kept: FrameTrace) -> None:
     assert after(kept, 0) == (1, [])
     kept.keep(frames(10, 20))
     kept.keep(no_logged())
@@ -55,6 +55,6 @@ def test_the_oldest_frames_are_dropped_from_a_full_trace(kept: FrameTrace) -> No
     assert after(kept, 0) == (95, [95, 96, 97, 98, 99, 100])
 
 
-def test_an_unknown_frame_number_gives_no_frames(kept: FrameTrace) -> None:
+def test_a_frame_number_beyond_the_last_gives_no_frames(kept: FrameTrace) -> None:
     kept.keep(frames(1, 2))
     assert after(kept, 50) == (3, [])

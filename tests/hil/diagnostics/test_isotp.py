@@ -145,7 +145,7 @@ def test_disordered_frames_give_the_same_messages_as_in_can_isotp(clock: Clock, 
     assert ours.got == theirs.got
 
 
-def test_both_implementations_time_out_after_the_same_time(clock: Clock) -> None:
+def test_the_flow_control_timeout_is_that_of_can_isotp(clock: Clock) -> None:
     ours, theirs = Ours(), Theirs()
     for end in (ours, theirs):
         end.send(bytes(20))

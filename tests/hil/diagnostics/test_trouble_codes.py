@@ -71,7 +71,7 @@ def test_the_status_mask_decides_which_codes_count_as_reported() -> None:
     assert answers("B1A01", mask=0x04).marks(pending).tolist() == [1]
 
 
-def test_other_services_and_negative_responses_do_not_count() -> None:
+def test_other_services_and_negative_responses_do_not_count_as_a_reading_of_trouble_codes() -> None:
     own = answers("B1A01")
     others = [
         "0154",

@@ -68,7 +68,7 @@ def test_each_can_interface_is_reported_with_state_and_bit_rate(tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ["", "nonsense", "[]", "[3]", "{}", '[{"linkinfo": {}}]'])
-def test_an_unreadable_answer_on_a_link_is_empty(text: str):
+def test_unreadable_details_of_a_can_interface_count_as_none(text: str):
     assert buses.link_of(text) == {}
 
 

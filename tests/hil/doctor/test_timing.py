@@ -29,7 +29,7 @@ def test_the_recommended_rate_leaves_room_for_lateness_and_tick(p999_us: float, 
     assert timing.recommended(wakeups(p999_us).lateness, CHEAP) == rate
 
 
-def test_an_expensive_tick_lowers_the_rate_and_without_figures_none_is_recommended():
+def test_an_expensive_tick_lowers_the_rate_and_without_lateness_figures_none_is_recommended():
     assert timing.recommended(wakeups(60.0).lateness, CHEAP._replace(p99_us=200.0)) == 2_000
     assert timing.recommended(wakeups(60.0).lateness, None) == 10_000
     assert timing.recommended(NOTHING, CHEAP) == 0

@@ -273,7 +273,7 @@ def test_a_frame_given_to_send_is_received_in_the_next_tick_beside_the_commands(
         assert gate.summary.received == NO_COUNTS._replace(accepted=11)
 
 
-def test_an_obstacle_set_by_the_api_overrides_the_panels_rod_until_it_is_cleared() -> None:
+def test_an_obstacle_set_by_the_api_overrides_that_of_the_panel_until_it_is_cleared() -> None:
     identifier, payload = panel_frame(shipped_rig(), ObstacleAngle=38.0, ObstacleRate=10.0)
     with lh.Gate(initial=40.0) as gate:
         gate.send(can.Message(arbitration_id=identifier, data=payload, is_extended_id=False))
@@ -337,7 +337,7 @@ def test_a_direction_that_the_rig_lacks_is_refused(signed_rig: Path) -> None:
         gate.command(left_duty=0, direction="coast")
 
 
-def test_all_errors_of_the_api_have_one_base_class() -> None:
+def test_configuration_errors_can_be_caught_as_liftgate_errors() -> None:
     assert issubclass(lh.errors.ConfigError, LiftgateError)
     with pytest.raises(lh.errors.LiftgateError):
         lh.run(SHORT, ScriptedEcu)

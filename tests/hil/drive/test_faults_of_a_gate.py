@@ -90,7 +90,7 @@ def test_a_sensor_fault_changes_its_reading_and_no_true_quantity(
     assert must <= changed(sound.sensed, broken.sensed) <= must | may
 
 
-def test_a_stuck_hall_sensor_keeps_the_count_between_two_values() -> None:
+def test_a_stuck_hall_sensor_keeps_the_count_within_two_edges() -> None:
     gate = opening()
     gate.fault("hall_a_stuck", where="left", value=0)
     counts = set()

@@ -76,7 +76,7 @@ def test_results_do_not_depend_on_the_length_of_steps() -> None:
     assert ends[0] == ends[1] == ends[2]
 
 
-def test_truth_and_sensed_have_the_columns_of_recordings() -> None:
+def test_truth_and_sensed_have_the_column_names_of_recordings_without_the_prefix() -> None:
     with lh.Gate() as gate:
         assert gate.truth == gate.sensed == {}
         gate.step(0.001)

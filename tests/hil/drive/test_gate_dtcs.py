@@ -130,7 +130,7 @@ def test_the_tester_sends_nothing_before_and_after_a_request() -> None:
 
 
 def test_faults_made_in_a_cycle_do_not_disturb_the_request() -> None:
-    """Faults change the same stimulus plan that has the tester."""
+    """Faults change the stimulus plan that also holds the tester."""
     ecu = Answering(read=TWO_CODES)
     with lh.Gate() as gate:
         step = loop(gate, ecu)

@@ -85,7 +85,7 @@ def test_a_command_with_another_checksum_has_no_effect(tmp_path: Path) -> None:
         assert (gate.truth["left_current_a"] != 0.0) == (number < 12)  # stale after three cycles
 
 
-def test_faults_make_wrong_checksums_and_frozen_counters_of_a_makers_own_kind(tmp_path: Path) -> None:
+def test_checksum_and_counter_faults_work_with_the_protection_of_the_rig(tmp_path: Path) -> None:
     gate = opening(rig_file(tmp_path))
     gate.step(0.1)
     fault = gate.fault("wrong_checksum", where="LeftDrive", direction="sent")

@@ -136,7 +136,7 @@ def test_motions_of_a_precondition_run_on_the_bus_before_time_0(tmp_path: Path, 
     assert steps == {1}
 
 
-def test_waiting_for_an_ecu_in_a_precondition_has_a_time_limit(tmp_path: Path) -> None:
+def test_waiting_for_the_ecu_and_for_a_motion_in_a_precondition_has_a_time_limit(tmp_path: Path) -> None:
     setup = setup_of(scenario(tmp_path, 'precondition = ["open"]\n'))
     heard, motion = (each.end for each in phases_of(setup, RIG, 0.001))
     row = np.zeros((1, ROW_WIDTH))
@@ -280,7 +280,7 @@ def test_mistakes_in_the_tables_of_requests_and_reset_are_reported(tmp_path: Pat
     assert "allowed: " in issue or "ready" in said
 
 
-def test_a_request_without_a_button_in_the_rig_is_refused(tmp_path: Path) -> None:
+def test_a_reset_request_on_a_bus_is_refused_where_the_rig_has_no_reset_table(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n[[request]]\ntime = 1\naction = "reset"\n'
     with pytest.raises(ConfigError, match=r"request: reset: allowed on a bus with \[reset\] in the rig"):
         lh.run(scenario(tmp_path, text), "bus", "lockstep", bus="virtual:nobody")

@@ -167,7 +167,7 @@ def test_a_library_hang_on_a_bus_is_reported(tmp_path: Path, monkeypatch: pytest
     assert re.fullmatch(rf"the ECU at {time} s: no response for 1 s", result.reason)
 
 
-def test_the_time_of_a_crash_is_right_at_any_rate(tmp_path: Path) -> None:
+def test_the_time_of_a_crash_is_right_at_another_rate_than_the_default(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"if ({AT}) abort();")
     result = lh.run(SCENARIO, path, rate=500.0)
     assert result.reason.startswith("the ECU at 0.050 s")
@@ -230,7 +230,7 @@ def test_a_child_process_of_a_crashed_library_does_not_delay_the_result(tmp_path
     assert lh.run(SCENARIO, path).reason == "the ECU at 0.050 s: its process ended (SIGABRT)"
 
 
-def test_after_a_crash_recording_and_summary_reach_up_to_the_crash(tmp_path: Path) -> None:
+def test_after_a_crash_the_summary_is_complete_and_at_most_half_a_second_of_rows_is_lost(tmp_path: Path) -> None:
     path = library(tmp_path, step="if (now_ns >= 1500000000) abort();")
     scenario = dataclasses.replace(SCENARIO, duration=3.0)
     record = tmp_path / "run.csv"
@@ -240,7 +240,7 @@ def test_after_a_crash_recording_and_summary_reach_up_to_the_crash(tmp_path: Pat
     assert float(last.split(",")[0]) > 1.5 - 0.52
 
 
-def test_a_stop_request_ends_the_run_of_a_slow_library_at_its_next_tick(tmp_path: Path) -> None:
+def test_a_stop_request_ends_the_run_of_a_slow_library_before_its_ring_is_full(tmp_path: Path) -> None:
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")

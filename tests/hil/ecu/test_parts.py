@@ -228,7 +228,7 @@ def test_a_steep_learned_load_reference_has_a_wider_limit() -> None:
 
 
 def test_the_load_reference_is_extrapolated_beyond_its_last_known_position() -> None:
-    """A gate that is a count farther than ever is not trapped."""
+    """A gate one count beyond the farthest position so far does not count as trapped."""
     fine = (FINE_TO - FINE_FROM) / FINE
     guard = learned({FINE_FROM + (k + 0.5) * fine: -0.1 * k for k in range(5, 20)})
     beyond = FINE_FROM + 4.5 * fine
@@ -423,6 +423,6 @@ def test_checksums_over_all_control_cycles_are_the_same_in_machine_code_and_pyth
 
 
 @pytest.mark.parametrize(("cycle_ms", "samples"), [(1.0, 5), (5.0, 1), (7.5, 2), (10.0, 2), (20.0, 2)])
-def test_a_single_unfiltered_sample_is_never_an_obstacle(cycle_ms: float, samples: int) -> None:
+def test_at_least_two_unfiltered_samples_make_an_obstacle(cycle_ms: float, samples: int) -> None:
     """With currents every 10 ms and a voltage in steps of 0.1 V, one sample stopped every second closing."""
     assert constants_of(C, 1e-3 * cycle_ms).samples == samples

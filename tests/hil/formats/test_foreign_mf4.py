@@ -153,7 +153,7 @@ def test_a_file_truncated_anywhere_is_refused(tmp_path: Path, is_finished: bool)
     assert said == {f"{path}: cannot be read: truncated or damaged"}
 
 
-def test_an_unfinished_file_without_its_data_is_refused_without_other_output(
+def test_an_unfinalized_file_without_its_data_is_refused_and_nothing_is_printed(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = saved(tmp_path / "m.mf4", [channel("Angle", np.arange(6.0))])

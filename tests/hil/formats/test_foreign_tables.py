@@ -163,7 +163,7 @@ def test_a_column_name_with_a_delimiter_is_quoted(tmp_path: Path, name: str) -> 
     assert series_in(tmp_path / "t.csv", name)[name].values.tolist() == [1.0, 2.0]
 
 
-def test_times_that_may_be_minutes_or_hours_are_noted(tmp_path: Path) -> None:
+def test_times_of_day_without_seconds_are_read_as_hours_and_minutes_with_a_note(tmp_path: Path) -> None:
     file = open_file(written(tmp_path, "t,F\n00:01,1\n00:02,2\n"))
     assert file.notes == ("t: 00:01 is read as hours and minutes",)
     assert series_in(file.path, "t")["t"].values.tolist() == [0.0, 60.0]

@@ -163,7 +163,7 @@ def test_an_exception_of_the_compression_is_reraised(tmp_path: Path, monkeypatch
 
 
 def test_uncompressed_pending_data_count_as_written(tmp_path: Path) -> None:
-    """So that a file size limit holds together with all that is still to be compressed."""
+    """A file size limit so holds including the data that are still to be compressed."""
     path = tmp_path / "run.mcap"
     recorder = McapWriter(path.open("wb"), BOTH)
     recorder.begin(0)

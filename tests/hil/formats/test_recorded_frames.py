@@ -248,7 +248,7 @@ def test_the_mcap_reader_finds_a_mark_as_a_message_on_the_topic_marks(tmp_path: 
     assert found.log_time == 2_500_000
 
 
-def test_a_mark_is_a_global_marker_in_a_blf(tmp_path: Path) -> None:
+def test_a_blf_contains_the_text_of_a_mark_in_ascii(tmp_path: Path) -> None:
     path = written(tmp_path / "run.blf")
     reader = can.BLFReader(path)
     assert len(list(reader)) == 3

@@ -102,7 +102,7 @@ def test_numbers_read_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
         assert np.array_equal(table[name].view(np.int64), bits), name
 
 
-def test_the_columns_are_those_of_the_documentation() -> None:
+def test_columns_have_their_documented_order_and_names_that_end_in_a_unit() -> None:
     assert list(COLUMNS)[: len(PROMISED)] == PROMISED
     # What the ECU sees stands beside the truth, with a prefix.
     assert {"sensed_left_current_a", "sensed_right_hall_count"} < set(COLUMNS)
@@ -223,7 +223,7 @@ def test_rows_of_a_diverged_plant_are_recorded(tmp_path: Path, value: float) -> 
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
-def test_rows_of_ticks_are_recorded_as_plain_numbers(rig: Rig, fast_tick: Any, tmp_path: Path, which: str) -> None:
+def test_recorded_rows_equal_the_rows_of_their_ticks(rig: Rig, fast_tick: Any, tmp_path: Path, which: str) -> None:
     call = tick if which == "plain" else fast_tick
     config = loop_config(rig=rig)
     state = start_of(config)

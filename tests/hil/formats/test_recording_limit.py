@@ -168,6 +168,6 @@ def test_recording_to_a_name_that_is_being_recorded_is_refused(tmp_path: Path) -
         ({"record_limit": 10**6, "record_keep": 1}, "`record_keep` 1: allowed: a whole number from 2 to"),
     ],
 )
-def test_an_invalid_limit_is_refused(more: dict[str, int], told: str) -> None:
+def test_an_invalid_file_size_limit_or_number_to_keep_is_refused(more: dict[str, int], told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         RunRequest(**more).check()

@@ -172,7 +172,7 @@ def test_a_drive_without_an_input_column_gets_the_input_of_the_other_drive() -> 
     assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("left_voltage_v")]))
 
 
-def test_the_input_voltage_comes_from_its_columns_and_is_missing_while_coasting() -> None:
+def test_the_applied_voltage_is_duty_times_supply_plus_the_voltage_column_and_zero_while_coasting() -> None:
     columns = {
         "left_duty": np.array([0.5, 0.5, 0.5, -1.0]),
         "left_voltage_v": np.array([0.0, 1.0, np.nan, 0.0]),
@@ -295,6 +295,6 @@ def test_a_measurement_that_begins_stalled_under_voltage_is_refused_unless_it_is
     assert beginning_of(suv(), shifted, 0, None, True).in_pause
 
 
-def test_rest_seen_in_the_angle_alone_may_be_a_slow_motion() -> None:
+def test_an_initial_speed_is_estimated_if_rest_is_seen_in_the_angle_alone() -> None:
     begin = beginning_of(suv(), pause(suv(), 30.0, ANGLE), 0, None, True)
     assert {each.name: each.std for each in begin.unknowns}["speed"] == 5.0

@@ -77,7 +77,7 @@ def test_the_current_of_a_motor_turned_by_hand_is_no_offset() -> None:
     assert offsets_at_rest(problem_of(unseen)) != []  # the columns of motion make the difference
 
 
-def test_an_offset_stated_in_the_vehicle_file_is_not_reported_again() -> None:
+def test_an_offset_stated_in_the_vehicle_file_or_being_estimated_is_not_reported() -> None:
     data = dataclasses.replace(later_driven(offset=0.5), through_sensors=True)
     for stated, count in ((0.0, 1), (0.5, 0)):
         vehicle = true_vehicle()

@@ -143,7 +143,7 @@ def test_the_expected_noise_is_that_of_the_vehicles_sensors() -> None:
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
-def test_the_expected_information_of_positions_matches_that_of_counts(rate: float) -> None:
+def test_planned_deviations_for_hall_positions_agree_with_an_identification_from_hall_counts(rate: float) -> None:
     # The plan may be off by a factor, not by an order of magnitude, for what a counter shows.
     vehicle = suv()
     times = np.arange(round(2.0 * rate) + 1) / rate

@@ -51,7 +51,7 @@ def test_estimation_errors_match_the_reported_standard_deviations(model: str, co
     assert 0.75 < math.sqrt(np.mean(z**2)) < 1.3  # measured 1.0
 
 
-def test_hall_counts_are_compared_at_their_edges_only() -> None:
+def test_hall_counts_compared_at_their_edges_give_errors_that_match_the_standard_deviations() -> None:
     edges, naive = many_seeds.of_hall_counts(range(2))
     assert np.abs(edges).max() < 3.0
     assert 0.6 < math.sqrt(np.mean(edges**2)) < 1.4  # measured 0.93
@@ -251,7 +251,7 @@ def test_an_output_in_another_unit_or_sign_is_named_as_the_likely_cause_of_a_mis
     assert "rpm" in said or "rpm" not in str(caught.value)
 
 
-def test_parameters_without_any_effect_are_refused(vehicle: Vehicle) -> None:
+def test_an_identification_of_nothing_but_parameters_without_effect_is_refused(vehicle: Vehicle) -> None:
     names = ["environment.snow_distance", "seal.force"]
     with pytest.raises(NothingToTellError):
         estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
@@ -380,7 +380,7 @@ def test_every_output_of_every_experiment_is_reported(vehicle: Vehicle) -> None:
         assert each.voltage == pytest.approx(there_and_back()[1])
 
 
-def test_a_validation_changes_no_parameter(vehicle: Vehicle) -> None:
+def test_a_validation_rates_the_given_vehicle_without_fitting_it(vehicle: Vehicle) -> None:
     data = measured(vehicle, seed=1)
     right = validated(Problem(vehicle, "third-order", [], [data], list(data.outputs), 20.0))
     wrong = validated(Problem(suv(), "third-order", [], [data], list(data.outputs), 20.0))

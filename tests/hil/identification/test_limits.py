@@ -74,7 +74,7 @@ def test_a_step_ends_at_the_nearest_point_of_a_curved_limit() -> None:
 
 
 def test_a_step_is_shortened_to_what_is_allowed_where_the_limit_has_no_gradient() -> None:
-    """The check allows 0 and 1 only."""
+    """Only a step of zero is allowed, so that the check shows no direction."""
     step = step_within_limits(np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones(2), lambda x: not np.any(x))
     assert step.tolist() == [0.0, 0.0]
 

@@ -64,7 +64,7 @@ def test_a_closing_against_the_seal_ends_in_the_end_stop_phase() -> None:
     assert found[-1] == "end stop"
 
 
-def test_residuals_are_sized_by_phase_without_missing_samples() -> None:
+def test_rms_and_maximum_of_residuals_by_phase_ignore_missing_samples() -> None:
     times = np.arange(6) * 0.1
     frame = Frame(times, np.ones(6), np.array([0, 0, 1, 1, 2, 2]))
     simulated = np.zeros(6)

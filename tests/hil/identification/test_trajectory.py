@@ -179,7 +179,7 @@ def test_a_full_model_started_in_motion_continues_the_original_trajectory(name: 
     assert rest[:, 6] == pytest.approx(whole[1500:, 6], abs=0.003)
 
 
-def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
+def test_the_balanced_angle_moves_by_the_hinge_friction_only_slightly_with_the_direction_of_motion() -> None:
     vehicle = suv("gate.hinge_friction=5")
     plant = plant_of(vehicle)
     load = load_of(vehicle)

@@ -53,6 +53,6 @@ def test_a_measurement_that_begins_in_a_pause_gives_the_true_parameters(case: st
     pauses.check_that_the_truth_is_found(case, outputs)  # each with each: tests/study
 
 
-def test_a_search_ends_at_the_same_minimum_as_one_from_the_truth() -> None:
+def test_a_search_ends_at_a_minimum_no_worse_than_that_of_a_search_from_the_truth() -> None:
     """A search by slopes at the point alone ends in a neighbouring minimum. More seeds: tests/study."""
     pauses.check_where_a_search_ends(7)

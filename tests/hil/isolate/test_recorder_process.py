@@ -110,7 +110,7 @@ def test_frames_are_written_in_order_of_time_even_if_logged_late(memory: Memory)
     assert writer.lost == 0
 
 
-def test_rows_after_a_read_position_are_written_by_the_next_read(memory: Memory) -> None:
+def test_a_recorder_writes_rows_up_to_its_read_position_and_none_after_the_end_of_the_run(memory: Memory) -> None:
     """The end position is known a moment before it is reported: until then no row after it may be written."""
     notes = Notes()
     writer = RingRecorder(memory, Content(()))

@@ -86,7 +86,7 @@ def test_the_limit_of_a_comparison_is_its_constant_side(text: str, limit: tuple[
     assert (None if found is None else (found[0].text, *found[1:])) == limit
 
 
-def test_comparisons_have_the_order_of_the_conditions_units() -> None:
+def test_comparisons_and_units_of_a_condition_have_the_same_order() -> None:
     condition = parsed("gate_angle_deg > 1 or not (left_current_a < 2 and Gate.Angle == 1)", {})
     found = comparisons_of(condition)
     assert [each.text for each in found] == [

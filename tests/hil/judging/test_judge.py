@@ -154,7 +154,7 @@ def test_never_latched_on_a_latched_gate_fails() -> None:
 
 
 @pytest.mark.parametrize("after", [0.0, 0.003, 0.01, 0.017])
-def test_a_condition_for_a_whole_window_is_decided_wherever_the_window_begins(after: float) -> None:
+def test_a_hold_time_as_long_as_its_window_is_judged_wherever_the_window_begins(after: float) -> None:
     """Also where no row is at the window's first instant: at time 0, or between two rows."""
     each = Expectation("x", "eventually", "gate_angle_deg > 0", after, 0.03, 0.03)
     first = max(1, math.ceil(after * RATE - 1e-9))  # rows of it, by their ticks

@@ -43,6 +43,6 @@ FAILS = Verdict(
         (Verdict("has none", "pass", math.inf), "—", "", "pass, margin inf"),
     ],
 )  # fmt: skip
-def test_margin_and_times_read_the_same_everywhere(verdict: Verdict, margin: str, times: str, line: str) -> None:
+def test_a_verdict_is_shown_with_margin_and_times(verdict: Verdict, margin: str, times: str, line: str) -> None:
     assert (margin_text(verdict), times_text(verdict)) == (margin, times)
     assert line_of(verdict) == line

@@ -75,7 +75,7 @@ def test_the_note_on_a_brief_fault_is_among_the_notes_of_the_outcome(tmp_path: P
         ),
     ],
 )
-def test_a_stimulus_due_at_or_after_the_end_of_a_run_is_never_applied(
+def test_a_stimulus_due_at_or_after_the_end_of_a_run_is_noted_as_never_made(
     tmp_path: Path, faults: list[str], notes: list[str]
 ) -> None:
     text = "".join(f'[[fault]]\nkind = "supply_open"\n{fault}\n' for fault in faults)

@@ -232,7 +232,7 @@ def test_a_late_or_silent_ecu_fails_its_expectation(tmp_path: Path) -> None:
     assert lh.run(path).verdict == "fail"
 
 
-def test_a_recording_of_a_late_bench_is_judged_like_its_run(tmp_path: Path) -> None:
+def test_missed_ticks_in_a_recording_make_its_verdict_inconclusive(tmp_path: Path) -> None:
     path, table = text_file(tmp_path / "s.toml", SCENARIO), tmp_path / "run.csv"
     lh.run(path, record=table)
     assert lh.judge([table], path)["moves"].verdict == "pass"

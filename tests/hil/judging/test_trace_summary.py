@@ -134,7 +134,7 @@ def test_bus_signals_in_a_trace_summary_have_the_values_that_the_judge_saw() -> 
         assert set(curve(found.view, "abs(Gate.Angle)")[1][times > 0.6999]) == {3.0}
 
 
-def test_a_trace_summary_of_a_condition_with_many_columns_has_curves_of_some() -> None:
+def test_a_trace_summary_has_at_most_12_curves_and_counts_the_columns_left_out() -> None:
     names = [name for name in COLUMN_PLACE if name != "time_s"][:20]
     text = " and ".join(f"{name} < 1e6" for name in names)
     found = summarized([Expectation("x", "always", text)], rows_of(0.1), 512)["x"]

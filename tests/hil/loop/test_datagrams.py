@@ -175,7 +175,7 @@ def test_frames_beyond_the_batch_size_wait_for_the_next_read(wire: WireFunctions
         assert got == many(200)
 
 
-def test_datagrams_of_a_pump_carry_arrival_time_and_drop_count(wire: WireFunctions, pair: Pair):
+def test_datagrams_of_a_transports_pump_thread_carry_arrival_time_and_drop_count(wire: WireFunctions, pair: Pair):
     ours, theirs = pair
     stamps = [1, 2**62, 123_456_789_012_345]
     for number, stamp in enumerate(stamps):

@@ -166,7 +166,7 @@ def test_deep_cpu_sleep_is_disabled_only_on_an_explicit_real_time_request(monkey
 
 
 @pytest.mark.parametrize("realtime", ["", "--no-realtime", "--realtime"])
-def test_refused_requests_are_reported_completely_in_one_line_or_not_at_all(realtime: str):
+def test_the_realtime_flags_choose_full_reports_of_refused_requests_or_one_line_or_none(realtime: str):
     done = child(f"""
         priority.ask_for_fifo = lambda *_: "FIFO scheduling: no; to get it: a limit"
         priority.lock_memory = lambda: "locked memory: no; to get it: a limit"

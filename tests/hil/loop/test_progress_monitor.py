@@ -115,7 +115,7 @@ def test_the_first_refusal_of_each_kind_is_reported_once_with_the_expected_value
     assert bench.told.seen[-1].rejected == 6
 
 
-def test_an_awaited_command_is_named_after_a_while(bench: Bench):
+def test_waiting_for_a_command_its_arrival_and_its_timeout_are_reported(bench: Bench):
     assert bench.look(after=0.0) == []
     assert bench.look(tick=1000) == []
     assert bench.look(tick=2500, after=1.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]
@@ -180,7 +180,7 @@ def test_a_bus_with_foreign_frames_only_is_reported_as_such(bench: Bench):
     assert bench.told.seen[-1].foreign == 1
 
 
-def test_later_foreign_frames_are_reported_once_until_a_command_was_valid(bench: Bench):
+def test_foreign_frames_after_the_report_of_a_missing_command_are_reported_once(bench: Bench):
     """An ECU with another database may be started after the gate."""
     bench.look()
     assert bench.look(tick=2500, after=2.5) == ["2.500 s: waits for DriveCommand (0x120), motors off"]

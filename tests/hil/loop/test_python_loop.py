@@ -330,7 +330,7 @@ def test_a_flood_of_frames_is_read_over_several_ticks_without_drops(rig: Rig, ch
     assert loop.state.counts == NO_COUNTS._replace(foreign=2000)
 
 
-def test_commands_with_every_possible_byte_leave_the_plant_finite(rig: Rig, fast_tick: Callable[..., Any]):
+def test_benchcontrol_frames_of_every_byte_value_leave_the_plant_finite(rig: Rig, fast_tick: Callable[..., Any]):
     config = loop_config(rig=rig)
     state = start_of(config)
     for number, byte in enumerate(range(256)):

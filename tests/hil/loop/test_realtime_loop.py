@@ -526,7 +526,7 @@ def test_retries_of_the_last_frames_are_limited(rehearse: Callable[..., Rehearsa
     assert 100 * MS <= play.now - START - 10 * MS <= 110 * MS
 
 
-def test_frames_refused_by_the_wire_are_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
+def test_frames_that_a_full_send_queue_refuses_are_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.refuse = lambda tick, trial: 20 <= tick < 40
     play.run(100)
@@ -539,7 +539,7 @@ def test_frames_refused_by_the_wire_are_counted_and_the_run_goes_on(rehearse: Ca
     assert free.shared.control[0].unsent == 0
 
 
-def test_a_wire_that_is_closed_is_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
+def test_errors_of_a_closed_socket_are_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
     play = rehearse()
     play.at = lambda waking: play.ours.close() if waking == 50 else None
     number = play.ours.fileno()
@@ -556,7 +556,7 @@ def test_a_wire_that_is_closed_is_counted_and_the_run_goes_on(rehearse: Callable
 # Commands while it runs.
 
 
-def test_a_commanded_value_holds_from_the_next_tick_on_until_another_is_commanded(
+def test_a_value_set_by_the_operator_holds_from_the_next_tick_until_another_is_set(
     rehearse: Callable[..., Rehearsal],
 ):
     play = rehearse()
@@ -839,7 +839,7 @@ def ends_stopped(run: RealtimeRun) -> bool:
     return bool(decoded(run.rig, frames_of(last), "BenchStatus")[-1]["EmulatorState"] == STOPPED)
 
 
-def test_a_real_time_run_makes_its_ticks_and_reports_its_figures(ready: Callable[..., RealtimeRun], rig: Rig):
+def test_a_real_time_run_counts_ticks_frames_and_bus_load(ready: Callable[..., RealtimeRun], rig: Rig):
     shown = Trace()
     run = ready(sinks=[shown])
     run.begin()

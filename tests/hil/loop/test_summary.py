@@ -65,7 +65,7 @@ def test_a_millisecond_of_delay_counts_as_2_newtons_of_pinch_force():
 @pytest.mark.parametrize(
     ("identifier", "length", "bits"), [(0x120, 8, 111), (0x120, 0, 47), (0x7FF, 3, 71), (0x120 | EXTENDED, 8, 131)]
 )
-def test_the_bus_time_of_a_frame_follows_from_its_bits(identifier: int, length: int, bits: int):
+def test_bus_load_counts_the_bits_of_each_frame(identifier: int, length: int, bits: int):
     load = BusLoad()
     load.add(frames_of([(identifier, bytes(length))] * 3))
     assert load.bits == 3 * bits

@@ -158,7 +158,7 @@ def test_another_seed_gives_other_noise_but_the_same_plant(rig: Rig, fast_tick: 
     assert ends[0][1] != ends[1][1]
 
 
-def test_the_compiled_tick_equals_the_plain_one(rig: Rig, fast_tick: Tick):
+def test_the_compiled_tick_agrees_with_the_plain_python_one(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig, settings=["sensors.current_noise=0.1"], seed=3)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
@@ -676,7 +676,7 @@ left_current = "Out.I"
     assert (truth.right_duty, truth.right_coast) == pytest.approx(expected)
 
 
-def test_the_first_obstacle_of_a_file_that_is_present_is_used(tmp_path: Path):
+def test_of_the_obstacles_of_a_scenario_the_first_present_one_is_used(tmp_path: Path):
     path = tmp_path / "scenario.toml"
     path.write_text(
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"

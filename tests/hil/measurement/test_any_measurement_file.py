@@ -81,7 +81,7 @@ def parquet_file(path: Path, columns: dict[str, Any]) -> Path:
     return path
 
 
-def test_columns_have_their_values_units_and_empty_cells(tmp_path: Path) -> None:
+def test_parquet_columns_are_read_with_values_converted_units_and_empty_cells(tmp_path: Path) -> None:
     found = read(parquet_file(tmp_path / "m.parquet", COLUMNS), "left_voltage_v=U")
     assert found.times.tolist() == TIMES
     assert found.columns["left_voltage_v"].tolist() == [0.012] * 4
@@ -96,7 +96,7 @@ def test_columns_have_their_values_units_and_empty_cells(tmp_path: Path) -> None
         ({"time_s": [0.0, 0.2, 0.1, 0.3]}, "time_s: row 3; allowed: finite and rising"),
     ],
 )
-def test_a_file_that_is_no_measurement_is_reported(tmp_path: Path, change: Any, said: str) -> None:
+def test_parquet_with_texts_infinities_or_falling_times_is_refused(tmp_path: Path, change: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         read(parquet_file(tmp_path / "m.parquet", COLUMNS | change), "left_voltage_v=U")
 

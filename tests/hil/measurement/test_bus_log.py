@@ -232,7 +232,7 @@ def test_a_log_whose_clock_was_set_back_is_refused(tmp_path: Path, rig: Rig) -> 
 
 
 def test_an_incomplete_last_line_of_a_log_is_ignored(tmp_path: Path, rig: Rig) -> None:
-    """A full disk or a kill cuts a line anywhere; half a payload would be another frame."""
+    """A full disk or a killed process can cut a line anywhere; half a payload could be read as another frame."""
     path = write_log(tmp_path / "bus.log", example_frames(rig))
     text = path.read_bytes()
     start = text[:-1].rfind(b"\n") + 1

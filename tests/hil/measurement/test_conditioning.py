@@ -40,7 +40,7 @@ def test_a_cut_keeps_rows_and_times_of_the_file() -> None:
     assert m.notes == ("read", "cut to 0.2 ... 0.5 s: 31 of 100 rows")
 
 
-def test_a_cut_without_limits_changes_nothing() -> None:
+def test_a_cut_without_begin_and_end_or_wider_than_the_measurement_changes_nothing() -> None:
     m = measured(np.arange(3.0), left_voltage_v=np.zeros(3))
     assert cut_time(m) is m
     assert cut_angle(measured(np.arange(3.0), gate_angle_deg=np.ones(3)), 0.0, 2.0).notes == ("read",)
@@ -81,7 +81,7 @@ def test_a_cut_by_angles_uses_a_sparse_angle_column_or_the_position() -> None:
         ({"gate_angle_deg": np.arange(5.0)}, "the gate is never there; allowed: within 0 to 4 deg"),
     ],
 )
-def test_a_cut_at_an_angle_never_reached_is_refused(columns: dict[str, Floats], said: str) -> None:
+def test_a_cut_at_an_angle_not_reached_or_without_angles_is_refused(columns: dict[str, Floats], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         cut_angle(measured(np.arange(5.0), **columns), 10.0, 20.0)
 
@@ -177,7 +177,7 @@ def test_gaps_in_an_output_survive_thinning() -> None:
         (1e9, 1, "m.csv: `resample` 1e+09: 149000001 rows; allowed: up to 5e+07"),
     ],
 )  # fmt: skip
-def test_a_thinning_that_does_not_fit_the_time_base_is_refused(rate: float | None, factor: int, said: str) -> None:
+def test_thinning_uneven_too_few_or_too_many_rows_is_refused(rate: float | None, factor: int, said: str) -> None:
     times = np.cumsum(np.tile([0.001, 0.002], 50))
     with pytest.raises(ConfigError) as caught:
         thinned(experiment(times, left_current_a=times), rate, factor, QUANTUM)

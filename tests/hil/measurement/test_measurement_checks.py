@@ -46,7 +46,7 @@ def test_a_correct_measurement_has_no_issues() -> None:
         (3.0, "left_speed_rps is 3 x the slope of left_position_rev; allowed: 0.8 to 1.25"),
     ],
 )
-def test_a_speed_in_a_wrong_unit_is_reported(factor: float, said: str) -> None:
+def test_a_speed_in_a_wrong_unit_or_with_a_wrong_sign_is_reported(factor: float, said: str) -> None:
     sparse = np.where(np.arange(2000) % 5 == 0, POSITION, np.nan)
     m = measured(left_speed_rps=factor * SPEED, left_position_rev=sparse)
     assert check(m) == [f"m.csv: {said}"]
@@ -115,7 +115,7 @@ def test_a_too_large_value_is_called_an_outlier_if_the_filter_drops_it_else_a_wr
     assert (check(kept, SUV) == []) == is_dropped
 
 
-def test_outliers_of_inputs_are_not_dropped() -> None:
+def test_dropping_outliers_is_not_suggested_for_an_input() -> None:
     volts = np.full(2000, 6.0)
     volts[700] = 900.0
     assert "drop_outliers" not in check(measured(left_voltage_v=volts), SUV)[0]

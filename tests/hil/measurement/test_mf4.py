@@ -86,7 +86,7 @@ def test_a_channel_unit_of_another_dimension_is_refused(tmp_path: Path) -> None:
     assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
 
 
-def test_integer_and_boolean_channels_are_read_as_numbers(tmp_path: Path) -> None:
+def test_integer_channels_are_read_as_numbers(tmp_path: Path) -> None:
     path = write(
         tmp_path / "m.mf4",
         [
@@ -99,7 +99,7 @@ def test_integer_and_boolean_channels_are_read_as_numbers(tmp_path: Path) -> Non
     assert np.array_equal(m.columns["left_hall_count"], np.arange(100.0))
 
 
-def test_a_sample_that_is_no_number_is_reported_with_its_index(tmp_path: Path) -> None:
+def test_infinite_out_of_range_and_text_samples_of_an_mf4_channel_are_reported(tmp_path: Path) -> None:
     current, volts = FINE.copy(), FINE.copy()
     current[[4, 9]] = np.inf
     current[12] = np.nan  # no value

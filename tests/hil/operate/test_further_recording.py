@@ -180,7 +180,7 @@ def test_lost_rows_of_a_further_recording_are_reported(bench: Bench, memory: Mem
     "name",
     ["", ".", "..", "../x.csv", "/tmp/x.csv", "a/b.csv", "x", "x.txt", "x.csv\n", ".x.csv", "a\\b.csv", 7, None],
 )
-def test_a_recording_name_that_is_no_new_file_of_the_folder_is_refused(bench: Bench, name: object) -> None:
+def test_a_recording_name_with_a_folder_or_an_unknown_suffix_is_refused(bench: Bench, name: object) -> None:
     with pytest.raises(ConfigError, match="allowed: "):
         bench.recording.start(name)
     assert bench.recording.in_force() is None

@@ -183,7 +183,7 @@ def test_operator_signals_override_the_benchs_and_these_the_scenarios(tmp_path: 
     assert [at(time) for time in (0.15, 0.25, 0.45, 0.75, 0.95)] == [5, 10, 20, 20, 11]
 
 
-def test_operator_faults_override_the_benchs_in_any_order(tmp_path: Path) -> None:
+def test_operator_faults_override_those_that_the_bench_injects_later(tmp_path: Path) -> None:
     weak = {"kind": "current_gain", "where": "left", "factor": 3.0}
     frozen = injecting("fault", FaultOn=1, FaultKind="current_frozen", FaultPlace="left",
                        FaultValue=0, FaultFrames=0)  # fmt: skip

@@ -148,7 +148,7 @@ def test_each_kind_of_ecu_reset_is_requested_by_its_name(on_bus: Run, kind: str,
 
 
 def test_response_pending_is_waited_for(on_bus: Run) -> None:
-    """For 3 s, longer than for another response."""
+    """The ECU's answer comes 3 s later, after more time than any other response is given."""
     ecu, result = on_bus(EXPECT, UDS, [(0, "7f1178"), (300, YES)])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD]

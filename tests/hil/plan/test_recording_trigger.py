@@ -157,7 +157,7 @@ def test_an_invalid_trigger_condition_is_reported(when: str, said: str) -> None:
     assert said in str(caught.value)
 
 
-def test_a_pre_trigger_time_too_long_for_the_memory_is_refused() -> None:
+def test_a_pre_trigger_time_too_long_or_a_condition_on_a_missing_drive_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"`record_before` 600: allowed: up to \d+ s at 1000 Hz"):
         trigger(["time_s > 1"], 600.0)
     one = shipped_rig().messages

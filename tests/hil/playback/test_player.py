@@ -133,7 +133,7 @@ def test_a_bad_recording_is_reported_before_the_bus_is_opened(tmp_path: Path, pa
         ({"serial": "loop://"}, "`serial` and `bus`"),
     ],
 )
-def test_contradictory_replay_options_are_refused(path: Path, how: dict[str, Any], said: str) -> None:
+def test_contradictory_or_invalid_replay_options_are_refused(path: Path, how: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         lh.replay(path, bus="virtual:refused", **how)
     assert said in str(caught.value)
@@ -195,7 +195,7 @@ def test_a_bus_lost_for_a_while_loses_only_the_frames_due_meanwhile(
     assert "not sent: 10 frames" in played.lines()
 
 
-def test_a_replay_stops_on_request_and_reports_its_progress(tmp_path: Path) -> None:
+def test_a_replay_stops_on_request_and_reports_the_frames_sent_so_far(tmp_path: Path) -> None:
     path = write(tmp_path / "run.log", FRAMES, [True] * 60, 10.0)
     asked = 0
 

@@ -45,7 +45,7 @@ def test_numbers_keep_significant_trailing_zeros():
     assert plain(math.nan) == "—"
 
 
-def test_percentages_have_no_false_digits():
+def test_percentages_have_no_false_digits_and_are_nan_relative_to_zero():
     assert [percent(each) for each in (0.123, 12.34, 1455.2, 3e7, math.inf)] == [
         "0.12",
         "12.3",

@@ -91,7 +91,7 @@ def test_a_run_without_contact_has_no_pinch_event() -> None:
     assert pinch_event({name: each[:0] for name, each in columns.items()}) is None
 
 
-def test_time_over_a_limit_is_the_longest_uninterrupted_one() -> None:
+def test_time_over_a_force_limit_is_the_longest_uninterrupted_one() -> None:
     columns = rows()
     # Over 150 N for 0.4 s, below for a moment, and for 0.5 s again: never for 0.75 s in a row.
     force = np.zeros(len(TIMES))
@@ -105,7 +105,7 @@ def test_time_over_a_limit_is_the_longest_uninterrupted_one() -> None:
     assert [event.over(limit) for limit in LIMITS] == [False, True, True]
 
 
-def test_each_limit_is_reported_with_its_source_and_margin() -> None:
+def test_each_force_limit_is_reported_with_its_source_and_margin() -> None:
     lines = "\n".join(event_of(rows(peak=123.46)).lines())
     assert "at most 123.5 N, at 5.000 s and 40.00 deg" in lines
     for limit in LIMITS:

@@ -47,7 +47,7 @@ def test_a_report_of_this_program_is_replaced(tmp_path: Path, name: str) -> None
     assert said == []
 
 
-def test_a_figure_of_this_program_is_replaced(tmp_path: Path) -> None:
+def test_a_figure_of_this_program_is_recognized(tmp_path: Path) -> None:
     for path, content in (
         (tmp_path / "a.png", png(new_figure(1.0, 1.0))),
         (tmp_path / "a.pdf", pdf(new_figure(1.0, 1.0))),
@@ -57,7 +57,7 @@ def test_a_figure_of_this_program_is_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", THEIRS)
-def test_a_target_with_other_content_is_kept_under_another_name_each_time(tmp_path: Path, name: str) -> None:
+def test_a_foreign_file_at_the_target_is_renamed_before_a_report_is_written(tmp_path: Path, name: str) -> None:
     path, said = tmp_path / name, list[str]()
     aside, second = (path.with_name(f"{path.stem}.previous{end}{path.suffix}") for end in ("", ".2"))
     for content in (THEIRS[name], b"not ours either"):
@@ -132,7 +132,7 @@ def test_a_target_that_is_also_an_input_is_refused(tmp_path: Path, link: object)
         check_targets({"result": str(target)}, [tmp_path / "not there", source])
 
 
-def test_a_report_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
+def test_a_report_of_another_kind_is_recognized(tmp_path: Path) -> None:
     from liftgate_hil.report.files import is_of_another_kind
 
     path = text_file(tmp_path / "k.json", json.dumps({"provenance": {"versions": {"liftgate-hil": "1"}}}))

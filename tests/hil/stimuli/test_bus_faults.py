@@ -161,8 +161,8 @@ def test_an_intermittent_freeze_holds_the_last_frame_before_each_onset() -> None
             assert heard[place][1] == last
 
 
-def test_several_faults_of_a_message_act_in_the_order_of_the_file() -> None:
-    """A freeze before or after a checksum fault holds a correct or a wrong checksum."""
+def test_several_faults_of_a_message_act_in_the_order_in_which_they_were_set() -> None:
+    """A counter fault computes the checksum anew: it corrects a checksum fault set before it only."""
     for kinds, is_right in (
         (("wrong_checksum", "frame_frozen"), False),
         (("frame_frozen", "wrong_checksum"), False),
@@ -321,7 +321,7 @@ eventually = "gate_angle_deg > 42"
 """
 
 
-def test_runs_with_bus_faults_repeat_bit_for_bit_on_every_clock(tmp_path: Path) -> None:
+def test_runs_with_bus_faults_repeat_bit_for_bit_on_free_and_lockstep_clocks(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", SCENARIO)
     logs = []
     for name, clock in (("a", "free"), ("b", "free"), ("c", "lockstep")):
@@ -365,7 +365,7 @@ def test_faults_of_sent_frames_reach_the_reference_ecu(tmp_path: Path) -> None:
         ({"kind": "frame_delayed", "direction": "sent"}, "delay_s: missing"),
     ],
 )  # fmt: skip
-def test_a_fault_that_does_not_fit_the_bus_is_reported(arguments: dict[str, Any], said: str) -> None:
+def test_wrong_arguments_of_a_bus_fault_are_reported(arguments: dict[str, Any], said: str) -> None:
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault(**arguments)
     assert said in str(caught.value)

@@ -45,7 +45,7 @@ def test_a_stimulus_acts_from_the_tick_after_its_condition_came_true_plus_its_de
 
 
 def test_the_duration_of_a_fault_counts_from_its_start(tmp_path: Path) -> None:
-    """Counted in ticks from its begin, whatever its condition does meanwhile."""
+    """The duration is counted in ticks from the fault's start, whatever its condition does meanwhile."""
     fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nfor_s = 0.3\n'
     result = ran(tmp_path, OPENING + fault + 'start = "gate_angle_deg > 32"\ndelay_s = 0.1\n')
     begin = first_tick(result, "gate_angle_deg", 32.0) + 1 + 100

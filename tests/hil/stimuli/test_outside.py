@@ -98,7 +98,7 @@ def test_one_call_sets_several_unrelated_values() -> None:
     assert all(math.isnan(value) for value in others)
 
 
-def test_silent_and_stop_flags_and_missed_ticks_are_passed_separately() -> None:
+def test_missed_ticks_and_the_silent_and_stop_flags_are_not_mixed_up() -> None:
     for silent in (False, True):
         for stop in (False, True):
             around = compiled(outside_at)(stimuli_alone(), 0.0, 0.001, 17, silent, stop)

@@ -215,7 +215,7 @@ def test_local_dates_of_a_table_are_read_in_the_given_time_zone(
         ([], "time_s: missing"),
     ],
 )
-def test_a_map_of_a_missing_column_is_refused(tmp_path: Path, maps: list[str], said: str) -> None:
+def test_a_map_of_an_unknown_column_or_unit_is_refused(tmp_path: Path, maps: list[str], said: str) -> None:
     own = scenario(tmp_path, 'name = "x"\nalways = "gate_angle_deg < 30"')
     path = ramp(tmp_path / "m.csv", even(100.0, 1.0), "time_s,W" if maps else "t,gate_angle_deg")
     with pytest.raises(ConfigError, match=said):
@@ -284,7 +284,7 @@ VAL_ 257 Schloss 0 "offen" 1 "Hauptraste" 2 "Vorraste" 3 "SNA";
 
 
 @pytest.mark.parametrize("also", [False, True], ids=["alone", "beside the latch"])
-def test_a_database_label_without_a_counterpart_does_not_affect_other_signals(tmp_path: Path, also: bool) -> None:
+def test_an_unmapped_database_label_does_not_affect_other_signals_of_its_frame(tmp_path: Path, also: bool) -> None:
     (tmp_path / "their.dbc").write_text(SNA)
     (tmp_path / "rig.toml").write_text(
         'dbc = "their.dbc"\nbitrate = 500000\n[inputs]\nleft_duty = "Befehl.Tast"\nright_duty = "Befehl.Tast"\n'
@@ -335,7 +335,7 @@ def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> No
     assert lh.judge([ramp(tmp_path / "m.csv", missing)], own)["a"].verdict == "inconclusive"
 
 
-def test_a_log_without_frames_is_refused_with_its_contents(tmp_path: Path) -> None:
+def test_a_log_without_frames_is_inconclusive_and_its_unparsed_lines_are_noted(tmp_path: Path) -> None:
     """An ASC file with another suffix, none of whose lines can be parsed."""
     (tmp_path / "m.log").write_text(
         "date Sun Jun 15 14:00:00 2025\nbase hex timestamps absolute\n0.1 1 123 Rx d 1 00\n"

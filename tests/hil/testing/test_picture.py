@@ -63,7 +63,7 @@ def is_valid(expectation: Expectation) -> bool:
 
 @CALM
 @given(expectations().filter(is_valid), VALUES, st.integers(1, 40))
-def test_any_expectation_of_any_run_has_pictures(
+def test_pictures_of_any_expectation_of_any_run_contain_no_nan(
     expectation: Expectation, values: list[float], block: int
 ) -> None:
     rows = np.zeros((len(values), ROW_WIDTH))

@@ -57,7 +57,7 @@ def test_stimuli_of_the_scenario_do_not_act_during_its_precondition(tmp_path: Pa
     assert result.trace["supply_voltage_v"][0] == 11.0
 
 
-def test_a_scenario_with_a_precondition_gives_the_same_frames_on_every_clock(tmp_path: Path) -> None:
+def test_a_precondition_gives_the_same_frames_on_free_and_lockstep_clocks(tmp_path: Path) -> None:
     text = LEARNED + OPENS + OPEN + '[[request]]\ntime = 3.0\naction = "reset"\n'
     logs = []
     for clock in ("free", "lockstep"):
@@ -131,7 +131,7 @@ def test_expectations_that_pass_after_an_incomplete_precondition_are_inconclusiv
 
 
 def test_an_incomplete_precondition_is_seen_in_a_recording(tmp_path: Path) -> None:
-    """Though no condition uses the gate's angle, which shows it."""
+    """No condition uses the gate's angle, but judging reads it to check the precondition."""
     expected = "[[expect]]\nname = 'soft'\nalways = 'pinch_force_n < 150'\n"
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")

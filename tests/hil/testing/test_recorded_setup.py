@@ -90,7 +90,7 @@ def test_a_rig_file_changed_since_the_recording_is_not_used(recording: Path) -> 
     assert f"{recording}: its rig is missing or has changed; judged by liftgate" in notes
 
 
-def test_a_page_of_a_recording_shows_the_limits_of_its_scenario_while_its_file_exists(recording: Path) -> None:
+def test_a_page_of_a_recording_shows_the_limits_of_its_scenario_if_its_file_is_unchanged(recording: Path) -> None:
     about = RecordingSource(recording).about()
     assert about["expectations"] == {"soft": "never pinch_force_n > 70"}
     assert about["force_limits"] == [{"force_n": 70.0, "longest_s": 0.0, "expectation": "soft"}]
@@ -104,7 +104,7 @@ def test_a_page_of_a_recording_shows_the_limits_of_its_scenario_while_its_file_e
 
 
 @pytest.mark.parametrize("vehicle", [{}, {"drives": 2}, None, 5, {"drives": 2, "left": 1}])
-def test_a_recorded_vehicle_with_unknown_parameters_is_ignored(vehicle: object) -> None:
+def test_an_incomplete_or_invalid_recorded_vehicle_is_ignored(vehicle: object) -> None:
     assert RecordedSetup(Path("x"), {"vehicle": vehicle}).vehicle is None
 
 

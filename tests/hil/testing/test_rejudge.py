@@ -192,7 +192,7 @@ def test_recordings_left_by_a_killed_recorder_never_pass(
     }  # fmt: skip
 
 
-def test_text_recordings_beside_a_damaged_mf4_file_are_judged(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+def test_text_recordings_are_judged_without_their_mf4_file(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
     folder, result = run
     for name in ("run.csv", "run.log"):
         (tmp_path / f"run.mf4{name[3:]}").write_bytes((folder / name).read_bytes())
@@ -325,7 +325,7 @@ def test_an_origin_sets_the_beginning_of_the_run(tmp_path: Path, capsys: pytest.
     assert lh.judge([path], tmp_path / "s.toml", origin=-0.8)["soft"].time_s == pytest.approx(0.21)
 
 
-def test_a_recording_of_this_program_has_its_own_origin(run: tuple[Path, lh.Result]) -> None:
+def test_an_origin_for_a_recording_of_this_program_is_refused(run: tuple[Path, lh.Result]) -> None:
     folder, _ = run
     with pytest.raises(ConfigError, match=r"`origin` 1: .* states its own time 0"):
         lh.judge([folder / "run.csv"], folder / "s.toml", origin=1.0)

@@ -16,7 +16,6 @@ from hil_support import loop_config
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.drive.stepping import relevant_frames
-from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import expected_of
 from liftgate_hil.judging.stepped_again import SteppedAgain, stepped_again
 from liftgate_hil.judging.verdict import Verdict
@@ -244,7 +243,7 @@ def test_all_simulations_with_shifted_commands_must_agree_with_margin(
         assert found.reason.startswith("why")
 
 
-def test_a_verdict_without_a_margin_is_not_confirmed_by_the_same_responses() -> None:
+def test_a_verdict_without_a_margin_is_not_confirmed_by_stepping_the_gate_again() -> None:
     """A trouble code: the ECU has answered once, and answers alike when the gate is stepped again."""
     present = Verdict("x", "fail")
     found = stepped_again(present, 0, 0.01, 0.0, "why", lambda late: again())
@@ -291,8 +290,5 @@ def test_a_recording_without_commands_cannot_be_stepped_again(
     empty = tmp_path / "empty.log"
     empty.write_text("")
     late = with_lateness(files, peak - 0.02, 8)
-    try:
-        found = lh.judge([late[0], empty], scenario(folder, 300.0))["soft"]
-    except ConfigError:
-        return  # told that nothing is in it
+    found = lh.judge([late[0], empty], scenario(folder, 300.0))["soft"]
     assert found.verdict == "inconclusive"

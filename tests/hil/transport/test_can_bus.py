@@ -55,7 +55,7 @@ def test_a_bus_is_specified_by_interface_channel_and_bit_rate(text: str, expecte
     ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5", "pcan:@500000",
      "socketcan:@500000"],
 )  # fmt: skip
-def test_an_invalid_bus_name_is_reported_with_examples(text: str):
+def test_an_invalid_bus_name_is_reported(text: str):
     with pytest.raises(ConfigError, match="`bus`"):
         parse_bus(text, 500_000.0)
 
@@ -356,9 +356,7 @@ def test_a_driver_that_keeps_failing_is_reopened(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("error", [*FAULTS, OSError(105, "No buffer space available")])
-def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_are_sent(
-    monkeypatch: pytest.MonkeyPatch, error: Exception
-):
+def test_a_frame_that_cannot_be_sent_is_counted(monkeypatch: pytest.MonkeyPatch, error: Exception):
     transport = faulty(monkeypatch, [None, error, None])
     transport.send(frames_of([(1, b""), (2, b""), (3, b"")]))
     assert transport.counts().send_failures == 1

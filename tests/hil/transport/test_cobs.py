@@ -60,13 +60,13 @@ def test_an_encoded_frame_has_the_documented_bytes():
     assert encode(0x120, b"\x00\xaa") == bytes.fromhex("032001" + "04AA1E90" + "00")
 
 
-def test_the_example_frame_in_the_manual_decodes():
+def test_the_encoded_example_frame_in_the_manual_is_correct():
     (example,) = re.findall(r"eight zeros is `([0-9A-F ]+)`", PAGE.read_text(encoding="utf-8"))
     assert encode(0x120, bytes(8)) == bytes.fromhex(example)
 
 
 @pytest.mark.parametrize(("identifier", "size"), [(-1, 0), (0x800, 0), (0x1FFFFFFF, 8), (0, 65)])
-def test_frames_too_large_for_the_line_are_refused(identifier: int, size: int):
+def test_too_large_identifiers_and_payloads_are_refused_on_a_serial_line(identifier: int, size: int):
     with pytest.raises(ValueError, match="allowed"):
         encode(identifier, bytes(size))
 

@@ -145,7 +145,7 @@ def test_a_multicast_bus_has_a_large_receive_buffer(pair: tuple[CanTransport, An
 
 
 @pytest.mark.parametrize("is_told", [True, False])
-def test_a_kernel_that_does_not_report_drops_is_named(monkeypatch: pytest.MonkeyPatch, is_told: bool):
+def test_a_kernel_that_does_not_report_dropped_frames_is_reported(monkeypatch: pytest.MonkeyPatch, is_told: bool):
     monkeypatch.setattr(multicast, "tells_drops", lambda: is_told)
     assert ("losses go unnoticed" in multicast.reach({"hop_limit": 0})) is not is_told
 

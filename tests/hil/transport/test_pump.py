@@ -236,7 +236,7 @@ def is_read(rig: Rig) -> bool:
     return bool(transport.is_up)
 
 
-def test_frames_queued_by_a_lost_bus_are_dropped(rig: Rig):
+def test_frames_received_while_the_bus_was_lost_are_dropped_and_counted(rig: Rig):
     reader = Reader(rig.pump)
     rig.come.put(OSError(100, "Network is down"))
     for number in range(5):

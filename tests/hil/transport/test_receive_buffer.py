@@ -43,7 +43,7 @@ def test_frames_dropped_by_the_kernel_are_counted_once(counts: Any, found: list[
     assert [counter.take() for _ in found] == found
 
 
-def test_the_kernel_counts_frames_dropped_by_its_buffer_for_every_socket():
+def test_frames_dropped_by_the_kernels_receive_buffer_are_counted_exactly():
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs,
@@ -65,7 +65,7 @@ def test_the_kernel_counts_frames_dropped_by_its_buffer_for_every_socket():
 
 
 @pytest.mark.parametrize("is_permitted", [True, False])
-def test_the_receive_buffer_is_as_large_as_the_kernel_allows(is_permitted: bool):
+def test_the_receive_buffer_is_forced_beyond_the_system_limit_if_permitted(is_permitted: bool):
     asked: list[int] = []
 
     class Wire:

@@ -192,7 +192,7 @@ def test_c_and_python_agree_on_any_bytes(header: ctypes.CDLL):
 
 
 @needs_compiler
-def test_the_c_header_refuses_frames_too_large_for_the_line(header: ctypes.CDLL):
+def test_the_c_header_refuses_invalid_identifiers_long_payloads_and_small_buffers(header: ctypes.CDLL):
     assert c_encode(header, 0x800, b"") == b""
     assert c_encode(header, 0, bytes(65), room=100) == b""
     assert c_encode(header, 0, bytes(8), room=13) == b""

@@ -89,7 +89,7 @@ class Cluster:
         if issues:
             raise ConfigError(issues)
         try:
-            within(_CONNECT_S, partial(self._client.run_on_scheduler, _bear_deaths, deaths=_DEATHS))
+            within(_CONNECT_S, partial(self._client.run_on_scheduler, _set_allowed_deaths, deaths=_DEATHS))
         except Exception as error:
             raise ConfigError(f"`scheduler` {self._address}: it does not answer: {words_of(error)}") from None
 
@@ -160,7 +160,7 @@ class Cluster:
             yield each, self._answer(each, fetched.get(each))
 
     def _answer(self, future: Any, answer: TaskResult | None = None) -> TaskResult | None:
-        """Return the result of a task; None: its batch must be submitted again. Raises LiftgateError."""
+        """Return a task's result; None: submit its batch again (it is lost or refused). Raises LiftgateError."""
         try:
             answer = answer or future.result(timeout=_CONNECT_S)
             assert answer is not None
@@ -267,6 +267,6 @@ def _distributed() -> Any:
     return distributed
 
 
-def _bear_deaths(dask_scheduler: Any, deaths: int) -> None:
+def _set_allowed_deaths(dask_scheduler: Any, deaths: int) -> None:
     """Set the number of worker deaths that a task survives, as most tasks of a dead worker are not to blame."""
     dask_scheduler.allowed_failures = deaths

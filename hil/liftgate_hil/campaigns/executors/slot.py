@@ -36,7 +36,7 @@ _DEATHS = 2  # of the same variant's process, until it is given up
 
 
 class Slot:
-    """Worker process that evaluates one batch of a base after the other; it is replaced when it dies.
+    """Worker process that evaluates the batches of a base one by one; it is replaced when it dies or hangs.
 
     `content` is the pickled base.
     """
@@ -152,7 +152,7 @@ class Slot:
         return f"its process ended ({end_in_words(code)})"
 
     def _replace(self, cause: str) -> None:
-        """Replace a dead worker by a new one for the rest of the batch. Raises LiftgateError if none can start."""
+        """Replace a dead or hung worker; a variant that ends several gets an error row. Raises LiftgateError."""
         was_ready, place = self._is_ready, len(self.rows)
         self.close()
         if not was_ready:

@@ -142,7 +142,7 @@ def evaluated(content: PickledBase, token: str, values: Floats, name: str, store
 
 
 def _evaluate(slot: Slot, values: Floats) -> None:
-    """Evaluate a batch in a slot, and wait until it is done. Raises as `evaluated`."""
+    """Evaluate a batch in a slot, and return once all result rows are in `slot.rows`. Raises as `evaluated`."""
     from distributed import Reschedule, get_worker
 
     worker = get_worker()

@@ -366,7 +366,7 @@ def _weighted_samples(cells: Cells, points: Floats, weights: Floats) -> list[Sam
 
 
 def _coverage(mixture: Mixture, runs: Sequence[Cellwise], limit: float) -> _Coverage:
-    """Return the share of the runs' failing points at which a mixture's importance weight is at most `limit`."""
+    """Return the share of failing points with a mixture weight up to `limit`, its variance and the mean weight."""
     total = sum(_probability(run) for run in runs)
     share = weight = chains = 0.0
     apart = []  # of each run: its share of the total, covered and in all

@@ -40,7 +40,7 @@ def combined_report(
         f"{description}: {number:,} variants, ECU {ecu}, {provenance.date}",
         [
             single.incomplete(is_complete),
-            *(_first(each) for each in parts),
+            *(_main_section(each) for each in parts),
             *(_evidence(each, number) for number, each in enumerate(parts)),
             section("Provenance", pairs(provenance.rows())),
         ],
@@ -48,7 +48,7 @@ def combined_report(
     )
 
 
-def _first(part: PartResult) -> str:
+def _main_section(part: PartResult) -> str:
     """Return a campaign's main section as HTML: a sentence, key numbers, expectations, pinch forces."""
     summary = part.summary
     return section(
@@ -74,7 +74,9 @@ def _evidence(part: PartResult, number: int) -> str:
 
 
 def by_value(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return an HTML table of pinch forces by the varied value that explains most of them; "": too many values."""
+    """Return an HTML table of pinch forces by the value that explains most; "": none, or too many distinct
+    ones.
+    """
     top = next(iter(summary.force_indices), None)
     if top is None:
         return ""

@@ -128,7 +128,7 @@ def _force_tiles(summary: CampaignSummary) -> list[str]:
 
 
 def interval(failed: int, count: int) -> str:
-    """Return the 95 % confidence interval of the share failed/count as text, in percent."""
+    """Return the 95 % confidence interval of failed/count as text, in percent; "unknown" where `count` is 0."""
     if not count:
         return "unknown"
     low, high = clopper_pearson(failed, count)
@@ -151,7 +151,7 @@ def lead(summary: CampaignSummary, units: Mapping[str, str]) -> str:
 
 
 def _forces(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return a sentence on the largest pinch forces, by the varied value that explains most of them."""
+    """Return a sentence on the largest pinch forces by the value that explains most; "": none explains enough."""
     top = next(iter(summary.force_indices), None)
     if top is None or not has_forces(summary) or top.first_order < _TELLING:
         return ""
@@ -307,7 +307,7 @@ def _histogram(values: Floats, label: str, line: float) -> Figure:
 
 
 def worst(summary: CampaignSummary, units: Mapping[str, str], folder: str) -> str:
-    """Return the HTML table of the worst variants, with the command that runs one again."""
+    """Return the HTML table of the worst variants, with the command that runs one again; "": there are none."""
     has_margin = summary.driver != FORCE
     margin = [_with_unit("margin", summary.driver, summary)] if has_margin else []
     names = [breakable(label_of(each, units)) for each in summary.values]

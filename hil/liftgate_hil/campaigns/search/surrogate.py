@@ -72,7 +72,9 @@ class Surrogate:
         return np.asarray(self._mean + k @ self._weights)
 
     def choose(self, pool: Floats, targets: Sequence[float]) -> list[Floats]:
-        """Return for each target (a warped margin) the pool's point likeliest to be below it, if likely enough."""
+        """Return points likeliest below the `targets` (warped margins), each once; unlikely targets are
+        skipped.
+        """
         p = pool / LENGTHS[self._scales]
         k = _matern(self._x, p)
         half = solve_triangular(self._factor, k, lower=True, check_finite=False)

@@ -41,7 +41,7 @@ POOL = 256  # candidates over the whole space and again around the worst points
 
 @contextlib.contextmanager
 def _numpy_state(state: dict[str, Any]) -> Iterator[None]:
-    """Context in which numpy's global random state is that of cma; the caller's state is restored after it."""
+    """Context with cma's global numpy random state, without cma's warnings; the caller's state is restored."""
     callers = np.random.get_state()
     np.random.set_state(state["numpy"])
     try:
@@ -196,7 +196,7 @@ class _Search:
         return np.array(batch + spread)
 
     def receive(self, points: Floats, margins: Floats) -> None:
-        """Record the margins (n,) of a proposed batch (n, d)."""
+        """Record the margins (n,) of a proposed batch (n, d), and pass the descent those of its generation."""
         for p, margin in zip(points, margins.tolist(), strict=True):
             key = p.tobytes()
             self._known[key] = margin
@@ -258,7 +258,7 @@ class _Search:
         return np.clip(margins, low - beyond, high + beyond)
 
     def _skill(self) -> float:
-        """Return the share of the variance of the last exploring points that the surrogate predicted."""
+        """Return the predicted share of the variance of recent exploring points; of few, `Surrogate.skill`."""
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
         if len(recent) < CHECKS:
             return self._surrogate.skill() if self._surrogate.fitted else 0.0
@@ -267,7 +267,9 @@ class _Search:
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
     def _dip(self) -> Floats | None:
-        """Return the exploring point farthest below its prediction, perhaps near failures; None: none is far."""
+        """Return the exploring point farthest below its prediction, away from descents; None: none is far
+        below.
+        """
         if len(self._checks) < 16:  # too few for a robust deviation
             return None
         errors = np.array([c[1] - c[0] for c in self._checks])
@@ -306,7 +308,7 @@ class _Search:
         return list(d.asked)
 
     def _start(self, x: Floats, f: Floats, dip: Floats | None) -> CmaDescent | None:
-        """Begin a descent in a dip, late at the worst point, else at a bad one far from others; None: no start."""
+        """Begin a descent in a dip, late in the search at the worst point, else at a low one far from others."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
         if dip is not None:

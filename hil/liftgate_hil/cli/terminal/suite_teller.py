@@ -84,7 +84,7 @@ class SuiteTeller(SuiteListener):
         return self._progress
 
     def prepared(self, cases: Sequence[Case]) -> None:
-        """Print what this machine denies to real-time runs, and the notes on rigs and vehicles, each once."""
+        """Print which real-time requests this machine refuses, and the notes on rigs and vehicles, each once."""
         self._cases = cases
         asked = cases[0].job.request
         if asked.clock == "realtime" and asked.realtime is not False and (refused := refused_here()):
@@ -136,7 +136,9 @@ class SuiteTeller(SuiteListener):
             self._progress.update(len(self._outcomes), len(self._cases), self.line())
 
     def _lines(self, outcome: Outcome, done: int) -> list[str]:
-        """Return the printed lines on a scenario, the `done`-th of all: verdict, expectations and notes."""
+        """Return the lines on the `done`-th scenario: verdict, expectations, notes; if quiet, without passed
+        ones.
+        """
         if self._is_quiet and outcome.verdict == PASS:
             return []
         lines = [f"[{done}/{len(self._cases)}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]

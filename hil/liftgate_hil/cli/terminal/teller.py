@@ -37,7 +37,7 @@ class Teller(Listener):
         self._screen = Screen(is_off=is_quiet or is_json)
 
     def sees(self, view: PanelView) -> None:
-        """Set how the panel shows the run."""
+        """Set the panel's settings for the run: angle of the open gate, duration, number of drives, and delay."""
         self._view = view
 
     def say(self, text: str) -> None:

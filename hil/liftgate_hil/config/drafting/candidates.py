@@ -100,14 +100,14 @@ Found = dict[str, dict[str, list[SignalCandidate]]]  # section: quantity: candid
 
 
 class Search(NamedTuple):
-    """Result of the search: candidates for each quantity, and the signals that were not chosen."""
+    """Result of the search: the best candidates for each quantity, and the others, which were not chosen."""
 
     found: Found  # several candidates for a quantity if nothing tells them apart
     not_chosen: Mapping[str, tuple[str, str]]  # MESSAGE.SIGNAL: quantity that it may be, and why it was not chosen
 
 
 def find_candidates(messages: Mapping[str, Message]) -> Search:
-    """Return the best candidates for each quantity, and the signals that were not chosen."""
+    """Return the best candidates for each quantity, and the other candidates, which were not chosen."""
     found: Found = {"inputs": {}, "outputs": {}}
     speaks_of_gate = any(map(_speaks_of_gate, messages.values()))
     for message, section, sender in _roles(messages):
@@ -131,7 +131,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Search:
 
 
 def _not_chosen(found: Found, best: Found) -> dict[str, tuple[str, str]]:
-    """Return the signals that are no best candidate for any quantity, as in `Search.not_chosen`."""
+    """Return the candidates that are not the best ones of any quantity, as in `Search.not_chosen`."""
     chosen = {each.name for section in best.values() for several in section.values() for each in several}
     return {
         each.name: (quantity, _why_rather(each, best[section][quantity][0]))
@@ -152,7 +152,7 @@ def _why_rather(one: SignalCandidate, chosen: SignalCandidate) -> str:
 
 
 def _panel(message: Message) -> dict[str, SignalCandidate]:
-    """Return a candidate for each quantity that a test panel's message sets; {} if none is of the obstacle."""
+    """Return a candidate per quantity that a test panel's message sets; {}: no quantity of the obstacle is set."""
     names = {"".join(words_of(signal.name)): signal for signal in message.signals}
     found = {
         quantity: SignalCandidate(quantity, message, names[_joined(quantity)], True, True)
@@ -187,7 +187,7 @@ def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
 
 
 def _sensors(messages: Mapping[str, Message]) -> list[str]:
-    """Return the messages with sensor readings of the drives; if some name a gate, only those."""
+    """Return the names of the messages with sensor readings of the drives; if some name a gate, only those."""
     found = [name for name, message in messages.items() if any(map(_is_of_a_drive, _all_of(message, "outputs")))]
     return [name for name in found if _speaks_of_gate(messages[name])] or found
 
@@ -210,7 +210,7 @@ def _all_of(message: Message, section: str) -> Iterator[SignalCandidate]:
 
 
 def _commands(messages: Mapping[str, Message]) -> list[str]:
-    """Return the ECU's messages that command the motors; if some name a gate, only those."""
+    """Return the names of the ECU's messages that command the motors; if some name a gate, only those."""
     found = [
         name
         for name, message in messages.items()

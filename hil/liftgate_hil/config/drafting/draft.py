@@ -120,7 +120,7 @@ def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
 
 
 def _unused(text: str, messages: Mapping[str, Message], used: set[str], told: Collection[str]) -> Iterator[str]:
-    """Yield comments that list signals and messages mentioned neither in the draft `text` nor in `told`."""
+    """Yield comments on signals of `used` messages not in `text` or `told`, on other messages and protection."""
     left = [
         f"{name}.{signal.name}"
         for name in used

@@ -125,7 +125,7 @@ def side_of(*names: str) -> str:
 
 
 def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
-    """Return the database's labels by the value of ours that they name, if exactly one label does."""
+    """Return the database's label by the project's value name, for values that exactly one label means."""
     found: dict[str, list[str]] = {}
     for label in choices.values():
         words = words_of(label)

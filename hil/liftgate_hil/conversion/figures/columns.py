@@ -89,12 +89,12 @@ def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
 
 
 def _panel_of(name: str, table: Recording) -> tuple[str, str]:
-    """Return the key of a column's panel: the name without the drive, and the unit."""
+    """Return the key of a column's panel: the name without the drive and the prefix `sensed_`, and the unit."""
     return _SIDES.sub("", name), table.signals[name].unit
 
 
 def one_of_each(names: Sequence[str]) -> list[str]:
-    """Return the first of all columns that differ only in the drive or in the prefix `sensed_`, in their order."""
+    """Return the columns in order, but of those that differ only in drive or prefix `sensed_` only the first."""
     found: dict[str, str] = {}
     for name in names:
         found.setdefault(_SIDES.sub("", name), name)
@@ -234,7 +234,7 @@ def _short(name: str) -> str:
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the figure of the requested columns, or of the usual ones. Raises ConfigError."""
+    """Draw the requested columns, or the usual ones without those that are constant. Raises ConfigError."""
     table = subject.recording()
     names = chosen(table, subject.columns) or usual_columns(table, subject.rig)
     if not names:

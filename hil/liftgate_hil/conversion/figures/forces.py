@@ -61,7 +61,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def _near_closed(rest: Rest, travel: float) -> float:
-    """Return the width [deg] of the panel near closed that shows the seal; 0: no seal, or it acts everywhere."""
+    """Return the width [deg] of the panel near closed for the seal; 0: no seal, or half the travel or wider."""
     rubber, link = rest.plant.seal, rest.plant.link
     if rubber.force == 0.0 or rubber.stiffness == 0.0:
         return 0.0

@@ -35,7 +35,7 @@ _DRIVEN: tuple[tuple[str, str, str], ...] = (
 
 
 def draw(subject: FigureSubject) -> Drawn:
-    """Draw the gate at rest over angle and slope, and driven over supply and slope. Raises ConfigError."""
+    """Draw where the gate at rest moves alone (slope, angle), and driven (slope, supply). Raises ConfigError."""
     rest = statics.rest_of(subject.car())
     found = map_of(rest)
     caption = f"Vehicle: {subject.vehicle_name}. {_caption(rest)}"

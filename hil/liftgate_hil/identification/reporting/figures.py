@@ -181,7 +181,7 @@ def _write_cells(axis: Axes, values: np.ndarray) -> None:
 
 
 def parameter_figure(result: Identification) -> Figure:
-    """Draw every estimate with two standard deviations to either side, relative to its initial value."""
+    """Draw the estimates relative to initial values other than 0, with two standard deviations to either side."""
     shown = [each for each in result.parameters if each.initial != 0.0]
     with style():
         figure = new_figure(0.9 + 0.36 * max(len(shown), 1))

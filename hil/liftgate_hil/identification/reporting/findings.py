@@ -66,7 +66,7 @@ class Dependence(NamedTuple):
 
 
 def dependences(result: Identification) -> list[Dependence]:
-    """Return the dependences on fixed parameters that residuals do not show, strongest first for each estimate."""
+    """Return each identifiable estimate's strongest dependences on fixed parameters that residuals do not show."""
     found = []
     for each in result.parameters:
         if not each.identifiable or each.value == 0.0:

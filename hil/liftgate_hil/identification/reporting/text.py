@@ -140,7 +140,7 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _states(estimates: Sequence[Estimate]) -> list[str]:
-    """Return one line of text for each estimated initial state, by experiment."""
+    """Return one line of text for each estimated initial state."""
     rows = [
         (
             clean(each.name, 50),

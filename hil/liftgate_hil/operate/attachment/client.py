@@ -95,7 +95,7 @@ class Client:
         return answer
 
     def _ask(self, question: JsonObject) -> int:
-        """Send a question to the run, and return the question's number."""
+        """Send a question to the run, and return the question's number. Raises ConfigError, RunGoneError."""
         self._count += 1
         packed = endpoint.packed({"id": self._count, **question})
         try:
@@ -117,7 +117,9 @@ class Client:
         self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
 
     def _answer(self, number: int) -> JsonObject:
-        """Return the reply to the question with a number; {}: none in time. Other recent replies are stored."""
+        """Return the reply to a question, by number; {}: none in time. Stores other replies. Raises
+        RunGoneError.
+        """
         end = time.monotonic() + _PATIENCE_S
         while time.monotonic() < end:
             for each in self._answers:

@@ -75,7 +75,7 @@ def _folders() -> list[Path]:
 
 
 def unusable() -> str:
-    """Return in parentheses the folders that could hold this user's sockets, but are not usable; "": none."""
+    """Return in parentheses why existing folders for this user's sockets are not usable; "": all are usable."""
     issues = [_objection(path) for path in _places() if os.path.lexists(path)]
     return f" ({'; '.join(filter(None, issues))})" if any(issues) else ""
 
@@ -86,7 +86,7 @@ def path_of(pid: int) -> Path:
 
 
 def sockets() -> dict[int, int]:
-    """Return the creation time [ns] of each socket by its process id, rising; killed runs leave their socket."""
+    """Return each socket's creation time [ns] by process id, sorted by id; killed runs leave their socket."""
     found: dict[int, int] = {}
     for place in _folders():
         with contextlib.suppress(OSError), os.scandir(place) as entries:

@@ -35,7 +35,7 @@ class PhaseTracker:
         self._phase = RUNNING
 
     def looked(self) -> None:
-        """Store the time of the last turn of the thread that executes commands."""
+        """Store the current time as that at which the thread that executes commands last looked for some."""
         self._looked_at = self._now()
 
     def has_ended(self) -> None:

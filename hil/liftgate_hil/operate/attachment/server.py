@@ -102,7 +102,7 @@ class Server(Relay):
         self.listener.happened(time_s, text)
 
     def status(self, status: RunStatus) -> None:
-        """Store the latest status for the clients, and forward it."""
+        """Store the latest status for the clients, set the phase to RUNNING or LATE, and forward the status."""
         self._status = status
         self._phases.runs(status.overruns)
         self.listener.status(status)
@@ -250,7 +250,7 @@ class Server(Relay):
     # Observer: called by the thread that supervises the loop.
 
     def look(self, frames: Any, now: float) -> None:
-        """Execute the commands that wait, and release the buttons that are due at a time [s]."""
+        """Execute up to 20 of the commands that wait, and release the buttons that are due at a time [s]."""
         operator = self._operator
         if operator is None:
             return

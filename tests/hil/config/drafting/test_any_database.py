@@ -28,7 +28,7 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
-def test_a_randomly_damaged_database_is_drafted_or_refused(tmp_path: Path):
+def test_issues_of_a_draft_from_a_randomly_damaged_database_are_among_its_open_keys(tmp_path: Path):
     texts = [path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.dbc"))]
     words = [word for text in texts for word in re.findall(r"\w+", text)]
     chance = random.Random(3)
@@ -152,7 +152,7 @@ PANEL = """BO_ 1024 Umgebung: 8 Tester
 """
 
 
-def test_a_signal_that_a_third_node_sends_to_the_gate_is_drafted_as_a_panel_input(tmp_path: Path):
+def test_a_signal_from_a_third_node_to_the_gate_is_left_open_as_a_test_bench_input(tmp_path: Path):
     text, waiting = draft_of(tmp_path, COMMON, CURRENTS, PANEL)
     for quantity, signal in (
         ("road_slope", "Steigung"), ("hand_force", "Handkraft"), ("supply_voltage", "Versorgungsspannung"),

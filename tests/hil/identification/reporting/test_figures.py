@@ -50,7 +50,7 @@ def spoilt(experiment, values):
 
 
 @pytest.mark.parametrize("draw", EXPERIMENT)
-def test_a_diverged_model_is_drawn_up_to_where_it_diverges(draw, found):
+def test_an_experiment_with_a_diverged_model_is_drawn(draw, found):
     spoilt_ones = spoilt(found.experiments[0], (np.nan, np.inf, 1e300))
     assert len(spoilt_ones.series) == 3
     assert png(draw(spoilt_ones), 40)
@@ -143,7 +143,7 @@ def test_a_signal_constant_but_for_rounding_gets_a_readable_axis(level):
     assert all(len(each) <= 8 for each in texts), texts
 
 
-def test_a_long_name_is_wrapped_beside_its_panel():
+def test_an_axis_label_breaks_a_long_column_name_and_puts_its_unit_on_the_last_line():
     assert figures._wrapped("left_winding_temperature_degc") == "left winding\ntemperature\n[°C]"
     assert figures._wrapped("left_current_a") == "left current\n[A]"
 

@@ -85,7 +85,7 @@ def test_a_result_file_that_cannot_be_written_is_refused_before_the_run(name, tm
         check_target(name, "result")
 
 
-def test_a_check_leaves_a_writable_result_file_untouched_and_refuses_one_without_permission(tmp_path, monkeypatch):
+def test_checking_a_result_path_creates_no_file_and_refuses_a_folder_without_permission(tmp_path, monkeypatch):
     check_target(str(tmp_path / "result.json"), "result")
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr("os.access", lambda *_: False)

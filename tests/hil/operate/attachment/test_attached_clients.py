@@ -92,7 +92,7 @@ def test_a_client_reads_the_shared_memory_of_the_run(server: tuple[Server, Memor
     client.close()
 
 
-def test_a_command_waits_for_a_stalled_run(server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stalled_run_obeys_commands_late(server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("liftgate_hil.operate.attachment.client._PATIENCE_S", 0.01)
     client = Client(os.getpid())
     client._wire.settimeout(0.01)
@@ -176,7 +176,7 @@ def test_long_status_messages_arrive_complete(server: tuple[Server, Memory]) -> 
     client.close()
 
 
-def test_a_long_command_is_reported_and_the_connection_stays(server: tuple[Server, Memory]) -> None:
+def test_too_long_or_too_deep_commands_are_refused_and_the_connection_stays(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     with pytest.raises(ConfigError, match="bytes; allowed: up to 1000000"):
         client.command({"set": {"x": [1.0] * 400_000}})
@@ -300,9 +300,7 @@ def test_a_stale_socket_is_not_taken_for_a_run(folder: Path) -> None:
     assert not path.exists()
 
 
-def test_attaching_to_a_run_that_does_not_answer_searches_no_others(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_attaching_to_an_ended_run_searches_no_others(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page looks for the next run several times a second, past all sockets left by killed runs."""
 
     def looked() -> list[int]:

@@ -48,5 +48,5 @@ def test_each_stimulus_is_reported_with_its_time_or_condition(tmp_path: Path) ->
     ]
 
 
-def test_without_a_scenario_the_description_is_empty() -> None:
+def test_without_a_scenario_the_list_of_stimuli_is_empty() -> None:
     assert stimuli_of(setup_of(None).scenario) == []
