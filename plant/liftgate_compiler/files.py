@@ -222,7 +222,11 @@ def rename_new(path: Path, target: Path) -> None:
         if error.errno not in _NO_LINKS:
             raise
         os.close(os.open(target, os.O_CREAT | os.O_EXCL))  # nobody else takes the name meanwhile
-        path.rename(target)
+        try:
+            path.rename(target)
+        except OSError:
+            target.unlink()
+            raise
         return
     path.unlink()
 

@@ -304,6 +304,10 @@ def test_without_hard_links_a_renamed_file_replaces_none(tmp_path: Path, monkeyp
         rename_new(tmp_path / "two", tmp_path / "three")
     assert (tmp_path / "three").read_bytes() == b"one"
     assert (tmp_path / "two").read_bytes() == b"two"
+    monkeypatch.setattr(Path, "rename", refusing(errno.EIO))
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+        rename_new(tmp_path / "two", tmp_path / "four")
+    assert not (tmp_path / "four").exists()
 
 
 def test_requested_permissions_apply_to_a_replaced_file(path: Path) -> None:

@@ -89,8 +89,8 @@ class CampaignOutcome:
         progress = self.progress
         return CampaignFigures(
             is_complete=self.is_complete,
-            variants=progress.count if self.is_complete else sum(self.counts.values()),
-            unfinished=max(progress.count - progress.done, 0),
+            variants=sum(self.counts.values()),
+            unfinished=0 if self.is_complete else max(progress.count - progress.done, 0),
             verdicts=self.counts,
             seconds=round(self.seconds, 3),
             variants_per_second=round(progress.per_second, 3),

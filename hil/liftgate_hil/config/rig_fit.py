@@ -216,7 +216,7 @@ def _weak_duties(rig: Rig) -> Iterator[str]:
     """Yield a note for each duty whose signal's range cannot move a gate, e.g. a share taken for percent."""
     for wire in rig.inputs:
         most = max(map(abs, wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))))
-        if wire.quantity.endswith("_duty") and most < 100.0 * _DUTY:
+        if wire.quantity.endswith("_duty") and wire.basis != "unknown" and most < 100.0 * _DUTY:
             yield (
                 f"{rig.source}: inputs.{wire.quantity}: {wire.message}.{wire.signal} reaches {most:g} % at most: "
                 "is its unit a share (1) and not %?"

@@ -129,7 +129,7 @@ class _Reader:
         if (steps <= 0).any():
             at = values[int(np.flatnonzero(steps <= 0)[0]), 0]
             raise ConfigError(
-                f"{self._path}: the row at {at:g} s comes after a later one; allowed: rows in order of time"
+                f"{self._path}: the row at {at:g} s is not after the row before it; allowed: rows in order of time"
             )
         self.last = int(times[-1])
         self._first = min(self._first, int(times[0]))

@@ -40,8 +40,8 @@ class DashboardRequest(Record):
         "the page", metavar="FOLDER")] = None
     rig: Annotated[str | Path | None, Field(File(), "with --recording: the rig that decodes its frames; with "
         "--scenarios: its rig", metavar="NAME|FILE")] = None
-    vehicle: Annotated[str | Path | None, Field(File(), "with --recording: the vehicle to draw, if the file does "
-        "not name it; with --scenarios: its vehicle", metavar="NAME|FILE")] = None
+    vehicle: Annotated[str | Path | None, Field(File(), "with --recording: the vehicle to draw, in place of "
+        "the one in the file; with --scenarios: its vehicle", metavar="NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
     bus: Annotated[str | None, Field(Text("INTERFACE:CHANNEL"), "with --scenarios: the bus of the runs",

@@ -168,7 +168,7 @@ class Gate:
 
         Its quantities are `left_duty`, `right_duty` [%], `left_direction`, `right_direction` or `direction` for
         both (coast, open, close, brake), and `latch_release`; `latch_cinch` is sent where it is named. What is not
-        named is 0 (coast). `command(None)` stops sending.
+        named is 0 (coast). `command()` and `command(None)` stop sending.
 
         Raises ConfigError.
         """

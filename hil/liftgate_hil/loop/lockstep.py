@@ -64,9 +64,9 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
             is_reported = True
         if waiting.commands:
             frames = waiting.commands.popleft()
-            heard, is_reported = time.monotonic(), False
             left = lockstep.ticks_per_command if ticks is None else ticks - loop.ticks
             loop.advance_by(frames, min(left, lockstep.ticks_per_command))
+            heard, is_reported = time.monotonic(), False  # the time of these ticks is not the ECU's
 
 
 def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:

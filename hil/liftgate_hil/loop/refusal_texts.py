@@ -84,15 +84,10 @@ class RefusalTexts:
         first = refusals[FD_FRAME]
         if not first.count:
             return ""
-        identifier = int(first.found)
-        names = [
-            name
-            for name, each in self._rig.messages.items()
-            if each.frame_id == identifier & ~EXTENDED and each.is_extended_frame == bool(identifier & EXTENDED)
-        ]
-        text, time_s = identifier_text(identifier), self._time_of(first)
+        name, text = self._message_name(int(first.found)), identifier_text(int(first.found))
+        time_s = self._time_of(first)
         when = f"at {time_s:.3f} s" if time_s >= 0.0 else "in the precondition"
-        return f"{f'{names[0]} ({text})' if names else text} {when}"
+        return f"{text if name == text else f'{name} ({text})'} {when}"
 
     def _time_of(self, refusal: Any) -> float:
         """Return a rejected frame's time [s] since the scenario's time 0; negative: in the precondition."""
@@ -101,7 +96,7 @@ class RefusalTexts:
     def of_first(self, refusals: Any, cause: int) -> str:
         """Return a text on the first frame that was rejected for a cause."""
         refusal = refusals[cause]
-        name = self._message_name(int(refusal.message))
+        name = self._message_name(int(self._config.inputs.messages[int(refusal.message)].identifier))
         time_s = self._time_of(refusal)
         head = f"{f'{time_s:.3f} s' if time_s >= 0.0 else 'precondition'}: {name} refused"
         options = self._rig.options.get(name)
@@ -143,10 +138,10 @@ class RefusalTexts:
         allowed = f"{ours.low:g} to {ours.high:g}" + (f" {ours.unit}" if ours.unit else "")
         return f"{head}; allowed for {quantity}: {', '.join(ours.values) or allowed}"
 
-    def _message_name(self, row: int) -> str:
-        """Return the name of the input message in a row; if the rig has none, its identifier as text."""
-        identifier = int(self._config.inputs.messages[row].identifier) & 0x1FFFFFFF
+    def _message_name(self, identifier: int) -> str:
+        """Return the name of the message with an identifier; if the rig has none, the identifier as text."""
+        wanted = identifier & ~EXTENDED, bool(identifier & EXTENDED)
         for name, message in self._rig.messages.items():
-            if message.frame_id == identifier:
+            if (message.frame_id, message.is_extended_frame) == wanted:
                 return name
-        return f"0x{identifier:X}"
+        return identifier_text(identifier)

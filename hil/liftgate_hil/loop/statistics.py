@@ -138,7 +138,7 @@ class Summary(DescribedResult):
     def known_bus_load_percent(self) -> Annotated[float, Shown("bus load over the run [%]; null: the run is "
             "shorter than 0.1 s", key="bus_load_percent")]:
         """Bus load [%]; NaN for a run shorter than 0.1 s, a cycle in which every message is usually sent."""
-        return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
+        return math.nan if self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     @property
     def lateness(self) -> Annotated[Quantiles, Shown("how late ticks began", prefix="lateness")]:

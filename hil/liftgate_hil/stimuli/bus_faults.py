@@ -99,12 +99,13 @@ def impaired(
     reset_inactive(faults, shares)
     faults.was_on[0] = faults.is_on[0]
     count = overdue(faults, room, direction, now_ns)
-    if is_off(faults, shares):
-        return put_always_received(faults, frames, room) if direction == RECEIVED else 0
-    for i in range(frames.count):
+    off = is_off(faults, shares)
+    for i in range(0 if off else frames.count):
         count = put(faults, shares, frames, i, room, count, passage)
-    for row in range(len(faults.rows)):
+    for row in range(len(faults.rows)):  # babbling goes on while the gate is off the bus
         count = babble(faults.rows[row], shares, room, count, direction, now_ns, faults.origins)
+    if off:
+        return put_always_received(faults, frames, room) if direction == RECEIVED else 0
     return count
 
 

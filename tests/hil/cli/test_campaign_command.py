@@ -278,7 +278,9 @@ def test_the_message_for_an_incomplete_campaign_name_has_the_full_name(capsys: p
 def test_two_ecus_are_compared_variant_by_variant(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--vary", "angle=60,75", "--jobs", "1", "--duration", "3"]
     assert main(["campaign", scenario, *flags, "--against", "mutant:closing_unwatched"]) == 0
-    found = manifest_in("campaign")["analysis"]["against"]
+    manifest = manifest_in("campaign")
+    assert (manifest["variants"], manifest["unfinished"]) == (2, 0)
+    found = manifest["analysis"]["against"]
     assert found["variants"] == 2
     assert found["differing"] >= 1
     last = capsys.readouterr().out.splitlines()[-2:]

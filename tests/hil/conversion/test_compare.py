@@ -137,7 +137,7 @@ def test_recordings_that_cannot_be_compared_are_reported(tmp_path: Path) -> None
     for rows, head, said in (
         ([(9.0, 1.0, 1.0)], HEAD, "no time in common"),
         ([(0.0, 1.0)], "time_s,theirs\n", "no column in common"),
-        ([(0.0, 1.0, 1.0), (0.0, 1.0, 1.0)], HEAD, "the row at 0 s comes after a later one"),
+        ([(0.0, 1.0, 1.0), (0.0, 1.0, 1.0)], HEAD, "the row at 0 s is not after the row before it"),
     ):
         with pytest.raises(ConfigError, match=said):
             compared(first, table(tmp_path / "b.csv", rows, head))

@@ -221,6 +221,20 @@ def test_lockstep_gives_up_after_its_wall_timeout_without_a_command(
     assert wire.now == pytest.approx(105.1 + (0.0 if last is None else 0.1 * (last + 1)), abs=0.11)
 
 
+def test_the_time_that_ticks_take_does_not_count_as_silence(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Silence(monkeypatch, {n: [command(rig, n)] for n in range(3)})
+    loop, said = loop_of(wire, loop_config(rig=rig)), list[str]()
+    advance = loop.advance_by
+
+    def slowly(frames: Frames, ticks: int) -> None:
+        advance(frames, ticks)
+        wire.now += 60.0
+
+    monkeypatch.setattr(loop, "advance_by", slowly)
+    run_lockstep(loop, PERIOD._replace(wall_timeout=5.0, say=said.append), 30, never)
+    assert said == ["ready: waits for the first command"]
+
+
 @pytest.mark.parametrize("at_once", [False, True])
 @pytest.mark.parametrize("ticks", [10, 20, 25])
 def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hil_support import frames_of
@@ -47,6 +50,16 @@ def test_times_in_refusal_texts_count_from_time_0_of_the_scenario(rig: Rig) -> N
     said = "DriveCommand refused: a remote frame; allowed: a data frame"
     assert texts(rig, 2.0).of_first(refusals, REMOTE_FRAME) == f"0.500 s: {said}"
     assert texts(rig, 3.0).of_first(refusals, REMOTE_FRAME) == f"precondition: {said}"
+
+
+def test_a_refused_message_is_not_taken_for_an_extended_one_of_the_same_number(rig: Rig) -> None:
+    other = SimpleNamespace(frame_id=0x120, is_extended_frame=True)
+    refusals = no_refusals()
+    note_outcome(refusals, REMOTE_FRAME, 0, 0)
+    known = RefusalTexts(
+        replace(rig, messages={"Other": other, **rig.messages}), loop_config_of(suv(), rig, 1000.0, 0)
+    )
+    assert "DriveCommand refused" in known.of_first(refusals, REMOTE_FRAME)
 
 
 def test_a_summary_names_the_first_foreign_identifier_with_its_length_and_what_is_awaited(rig: Rig) -> None:

@@ -213,6 +213,16 @@ def test_a_gate_in_bus_off_neither_sends_nor_receives() -> None:
     assert gate.summary.received.accepted > before.accepted
 
 
+def test_frames_of_a_babbling_node_during_bus_off_are_not_made_up_for_afterwards() -> None:
+    gate = lh.Gate(initial=30, seed=3)
+    gate.fault("babbling", direction="sent", id=5, rate=500.0)
+    assert gate.step(0.1)
+    off = gate.fault("bus_off")
+    assert gate.step(1.0) == []
+    off.clear()
+    assert len(of(gate.step(0.1), 5)) == pytest.approx(50, abs=2)
+
+
 # What the gate receives: the message, the fault, which count of those refused grows, whether the drives go on.
 COMMANDS = [
     ("frame_lost", {}, None, False),

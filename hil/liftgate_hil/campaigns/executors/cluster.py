@@ -71,16 +71,17 @@ class Cluster:
 
     def _prepare(self) -> None:
         """Check the workers' versions, and set how many worker deaths a task survives. Raises ConfigError."""
-        if not self._threads():
-            raise ConfigError(
-                f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
-            )
         try:
-            found = within(_CONNECT_S, partial(self._client.run, versions, on_error="return"))
+            threads = within(_ANSWER_S, self._client.nthreads)
+            found = within(_CONNECT_S, partial(self._client.run, versions, on_error="return")) if threads else {}
         except Exception as error:
             raise ConfigError(
                 f"`scheduler` {self._address}: its workers do not answer: {words_of(error)}"
             ) from None
+        if not threads:
+            raise ConfigError(
+                f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
+            )
         issues = [
             f"worker {name}: {text}"
             for name, given in found.items()
@@ -99,7 +100,11 @@ class Cluster:
         return max(1, sum(self._threads().values()))
 
     def _threads(self) -> Mapping[str, int]:
-        threads: Mapping[str, int] = within(_ANSWER_S, self._client.nthreads)
+        """Return each worker's number of threads, by address. Raises GoneError."""
+        try:
+            threads: Mapping[str, int] = within(_ANSWER_S, self._client.nthreads)
+        except Exception as error:
+            raise GoneError(f"the scheduler at {self._address}: {words_of(error)}; {KEPT}") from None
         return {name: count for name, count in threads.items() if name not in self._refused}
 
     def run(

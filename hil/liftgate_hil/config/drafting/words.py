@@ -127,7 +127,7 @@ def side_of(*names: str) -> str:
 def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
     """Return the database's label by the project's value name, for values that exactly one label means."""
     found: dict[str, list[str]] = {}
-    for label in choices.values():
+    for label in dict.fromkeys(choices.values()):
         words = words_of(label)
         spelling = " ".join(each for each in words if each not in _FILLING) or " ".join(words)
         for ours, spelled in LABELS[kind].items():

@@ -87,6 +87,7 @@ def test_signal_names_are_split_into_words_and_a_side():
 def test_ambiguous_labels_are_not_mapped():
     assert named_values("direction", {0: "Stop", 1: "Auf", 2: "Zu"}) == {"open": "Auf", "close": "Zu"}
     assert named_values("direction", {0: "Off", 1: "Idle", 2: "Open"}) == {"open": "Open"}
+    assert named_values("direction", {0: "Stop", 1: "Open", 5: "Open"})["open"] == "Open"  # one label, two values
     assert named_values("latch_state", {0: "Unlatched", 1: "Half_Latched", 2: "Latched"}) == {
         "open": "Unlatched",
         "latched": "Latched",
