@@ -42,9 +42,7 @@ class DescribedResult:
     _asks: ClassVar[str] = ""  # what a caller compares where the result has no truth value
 
     def __bool__(self) -> bool:
-        """Return True; raises TypeError for a class whose results can be failures, which must not count as
-        true.
-        """
+        """Return True; raises TypeError where a failure would count as true, too."""
         if self._asks:
             raise TypeError(f"a {type(self).__name__} is neither true nor false; allowed: {self._asks}")
         return True

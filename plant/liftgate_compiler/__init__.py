@@ -61,9 +61,7 @@ def outlined(function: F) -> F:
 
 
 def compiled(function: F) -> F:
-    """Return the Entry of `function`: machine code, compiled or read at the first call; if disabled,
-    `function`.
-    """
+    """Return `function` as machine code, compiled or read from disk at its first call; unchanged if disabled."""
     if not enabled():
         return function
     return _entry(function)  # type: ignore[return-value]

@@ -26,8 +26,7 @@ _NAME = re.compile(r"[^\W\d]\w*")
 
 
 class Sources:
-    """Registered functions that `entry` reaches, and texts on their files, code, types and constants, to be
-    hashed.
+    """Registered functions that `entry` reaches, and what the hash covers: files, code, types, constants.
 
     The hash covers the text of each source file, the code as it was loaded (the file may have been edited since),
     the fields of each type, and the value of each constant. It contains no paths: it is the same wherever a

@@ -39,9 +39,7 @@ GRIP = Slips(0.0, 0.0)
 
 @compilable
 def slipping(limit: float, force: float) -> float:
-    """Return a slipping clutch's force [N]: `limit` with the sign of a larger `force`; 0: it grips, or is
-    absent.
-    """
+    """Return a slipping clutch's force [N]: `limit` with the sign of a larger `force`; 0: it grips."""
     return math.copysign(limit, force) if limit > 0.0 and abs(force) > limit else 0.0
 
 

@@ -13,9 +13,7 @@ from liftgate_plant.motor import phi_functions
 
 
 class Switching(NamedTuple):
-    """Effect of a bridge's switching: the motor current's ripple, and the source's current relative to its
-    mean.
-    """
+    """Effect of a bridge's switching: the current's ripple, and the source's current relative to its mean."""
 
     ripple: float  # A², mean square of the ripple
     above: float  # A, its highest value, relative to the mean

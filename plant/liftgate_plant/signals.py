@@ -38,9 +38,7 @@ SUFFIXES: Mapping[str, str] = {
 
 
 class Signal(NamedTuple):
-    """Description of a quantity over time; `low`, `high` are inclusive, `values` name 0, 1, … of an
-    enumeration.
-    """
+    """Quantity over time; `low`, `high` are inclusive; `values` name 0, 1, … of an enumeration."""
 
     unit: str
     low: float

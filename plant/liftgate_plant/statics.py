@@ -193,8 +193,7 @@ def margin(rest: Rest, torques: tuple[float, float], angle: float, along: float)
 
 
 def map_over(rest: Rest, slopes: Floats, angles: Floats, voltages: Floats) -> StaticMap:
-    """Return the StaticMap (margins of moving by itself and starting) over slopes [rad], angles [rad], supplies
-    [V].
+    """Return the StaticMap (margins of moving and starting) over slopes [rad], angles [rad], supplies [V].
 
     The margins are those of `margin`. What the drives give does not depend on the slope, and what the gate asks
     for not on the voltage, so that each is evaluated once.

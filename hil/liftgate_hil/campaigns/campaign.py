@@ -93,9 +93,7 @@ class Campaign:
         yield from self.tables(batches[place:])
 
     def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
-        """Evaluate missing batches; yield names: all stored ones, then each new one. Raises
-        CampaignStoppedError.
-        """
+        """Evaluate missing batches; yield names: those stored, then each new one. Raises CampaignStoppedError."""
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)

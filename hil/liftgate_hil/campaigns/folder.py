@@ -64,8 +64,7 @@ class Folder:
 
     @contextlib.contextmanager
     def claimed(self) -> Iterator[bool]:
-        """Context that locks the folder; yields whether locks exist. Raises ConfigError if another campaign has
-        it.
+        """Context that locks the folder; yields whether it can. Raises ConfigError if another campaign has it.
 
         Yields False where the file system has no locks. The kernel releases the lock when the process that took it
         ends, however it ends: a campaign with the lock knows that those that held it before have ended.
@@ -158,9 +157,7 @@ class Folder:
             raise StoreError(f"{self.path / name}: {reason_of(error)}") from error
 
     def write_results(self, tables: Iterable[pa.Table], name: str = RESULTS) -> int:
-        """Write result tables as one Parquet file (no tables: no file); return the row count. Raises
-        StoreError.
-        """
+        """Write result tables (none: no file) as one Parquet file; return the row count. Raises StoreError."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

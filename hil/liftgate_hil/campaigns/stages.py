@@ -53,8 +53,7 @@ NOTHING = Analysis({}, ())
 
 
 def evaluate(found: Prepared, campaign: Campaign, folder: Folder, pace: Pace) -> Analysis:
-    """Run a request's search or estimate and return its findings; of a design, only list the batches, see
-    `tables`.
+    """Run a request's search or estimate and return its findings; of a design, only list the batches.
 
     Raises CampaignStoppedError, StoreError, LiftgateError.
     """

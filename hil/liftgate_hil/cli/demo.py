@@ -88,9 +88,7 @@ class _Demo:
         )
 
     def _made_files(self, request: RunRequest) -> list[Path]:
-        """Return the paths of the demo's recordings, create their folder; [] if `no_record`. Raises
-        ConfigError.
-        """
+        """Return the demo's recordings, [] if `no_record`, and create their folder. Raises ConfigError."""
         files = self._files
         if (request.serial is None) != (files.ecu_serial is None):
             raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")

@@ -153,8 +153,7 @@ def evaluate(  # noqa: PLR0912
     ticks: int,
     work: Work,
 ) -> None:
-    """Evaluate the condition with index `which` in the first `ticks` of n ticks; the results go to row 0 in
-    `work`.
+    """Evaluate the condition with index `which` in the first `ticks` of n ticks, into row 0 of `work`.
 
     The results are margins, truths and deciders, see `Work`. The operands are `rows` (n, ROW_WIDTH) of
     signals.COLUMNS and the bus signals (n, m), in the order in which `table_of` was given them.

@@ -180,9 +180,7 @@ def content_of(written: str, kind: str) -> Mapping[str, Messages]:
 
 
 def _remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return a text's messages, but none with overlapping or misfit signals; `is_plain`: first try it as a
-    whole.
-    """
+    """Return a text's messages whose signals fit without overlap; `is_plain`: first try it as a whole."""
     if is_plain:
         with contextlib.suppress(Exception):
             return Remains(load_text(written, kind, is_strict=True))

@@ -277,9 +277,7 @@ def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Re
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return values or defaults by key; unknown keys are issues; so are invalid or missing values, as
-    `invalid`.
-    """
+    """Return values or defaults by key; unknown keys, missing and `invalid` values are issues."""
     known_keys(issues, prefix, given, [each.name for each in fields])
     found: dict[str, Any] = {}
     for each in fields:

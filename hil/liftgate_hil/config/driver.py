@@ -234,9 +234,7 @@ def diagnostics_of(
 
 
 def _identifier_in(issues: ConfigIssues, key: str, value: str | int, messages: Messages) -> int:
-    """Return a message name's or number's identifier, with SocketCAN's extended flag; -1 and an issue if
-    unknown.
-    """
+    """Return the identifier of a message name or number, with SocketCAN's extended flag; -1 with an issue."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
     if why_not := messages.why_not(value):

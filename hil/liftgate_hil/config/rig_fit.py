@@ -54,9 +54,7 @@ def _part(share: float, most: float) -> ExpectedRange:
 
 
 def expected_values(vehicle: Vehicle) -> dict[str, ExpectedRange]:
-    """Return the known expected ranges of a vehicle's quantities; names without "true_" are for true values
-    too.
-    """
+    """Return a vehicle's known ranges of values by quantity; without "true_", names are for both."""
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
     supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope

@@ -227,9 +227,7 @@ def _copied(
     stopped: Callable[[], bool],
     report: Callable[[int, int], None],
 ) -> _Copied:
-    """Copy by plan into a stream (None: target) until stopped; return counts. Raises RecordingError,
-    ConfigError.
-    """
+    """Copy by plan into a stream (None: target); return counts. Raises RecordingError, ConfigError."""
     signals = plan.table.signals if plan.table else {}
     content = Content(
         columns=list(signals),

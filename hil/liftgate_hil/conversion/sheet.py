@@ -81,8 +81,7 @@ def legend_above(axis: Axes, handles: list[Any] | None = None, columns: int = 5)
 
 
 def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say = silent) -> None:
-    """Write the figure in the format of the suffix, one of PICTURES; another program's file is renamed, with
-    `say`.
+    """Write the figure in the format of its suffix, one of PICTURES; a foreign file is set aside.
 
     Raises ConfigError if it cannot be written.
     """

@@ -124,9 +124,7 @@ class ActiveSource:
         await self.viewers.have_taken()
 
     def numbered(self, state: PageState) -> PageState:
-        """Add the source's number, which tells viewers of another run, and the running scenario; return the
-        state.
-        """
+        """Add the source's number, which changes with the run, and the running scenario; return the state."""
         state["number"] = self.number
         if self._starter is not None:
             state["started"] = self._starter.running

@@ -103,9 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read the run's new data, at a monotonic time [s]; return columns' extremes `low`, `high`; {}: no
-        rows.
-        """
+        """Read new data, at a monotonic time [s]; return lowest and highest values by column; {}: no rows."""
         with self._updating:
             return self._update(now)
 

@@ -202,9 +202,7 @@ def _spring_faults_in(provenance: Mapping[str, Any]) -> dict[str, tuple[Sequence
 
 
 def _append_thinned(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
-    """Append last, lowest and highest values of each `every` rows to the lists `kept`; no rows may be left
-    over.
-    """
+    """Append last, lowest and highest values of each `every` rows (no rest) to the lists `kept`."""
     if not len(rows):
         return
     parts = rows.reshape(-1, every, rows.shape[1])

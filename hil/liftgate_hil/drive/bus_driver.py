@@ -69,9 +69,7 @@ class BusDriver(Driver):
 
     @property
     def is_real(self) -> bool:
-        """Whether the bus is not python-can's `virtual` (vcan is real): others may use it, no `bus_off` is
-        made.
-        """
+        """Whether the bus is not python-can's `virtual`: others may use it, and no `bus_off` is made."""
         return not self.way.is_interface("virtual")
 
     def prepare(self, stack: contextlib.ExitStack) -> None:

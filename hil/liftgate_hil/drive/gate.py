@@ -349,9 +349,7 @@ class Gate:
         return self._sent
 
     def _note(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Store a step part's last row, sent frames and Hall edges; execute a test bench's orders in its
-        frames.
-        """
+        """Store a step part's last row, sent frames and Hall edges; execute a bench's orders in its frames."""
         from liftgate_hil.transport.messages import logged_message
 
         self._row[:] = rows[-1]

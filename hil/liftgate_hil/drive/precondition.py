@@ -204,9 +204,7 @@ def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
 
 
 def _stimuli(setup: Setup, rig: Rig, action: str = "", awaited: Sequence[Request] = ()) -> StimulusPlan:
-    """Return a phase's stimuli: restbus and, at its start, request `action` ("": none); `awaited`: watched
-    only.
-    """
+    """Return a phase's stimuli: restbus, the request `action` ("": none) at 0; `awaited`: watched only."""
     scenario = setup.scenario
     # The restbus keeps the values that its signals have at the scenario's time 0.
     signals = [each if each.when == Instant() else replace(each, when=NEVER) for each in scenario.signals]

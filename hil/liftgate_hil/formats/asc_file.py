@@ -176,9 +176,7 @@ class _Lines(LogLines):
         raise NotUnderstoodError
 
     def _classic(self, number: int, bus: str, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Return bus and fields of a line's error or classic frame (identifier, direction, d/r, DLC, bytes) or
-        None.
-        """
+        """Return bus and fields of a line's classic or error frame, see the regular expression; or None."""
         kind = words[0].lower()
         if kind == "errorframe":
             return bus, self._error()

@@ -187,9 +187,7 @@ def _unpacked(body: bytes, account: Account) -> bytes:
 
 
 def _rest_of(text: bytes, account: Account) -> bytes:
-    """Count a file's truncated last object in the account; return what can be read: a container's begin, or
-    b"".
-    """
+    """Count a truncated last object in the account; return what can be read: a container's begin, or b""."""
     if len(text) >= _BASE.size + _CONTAINER.size:
         _, header_size, _, _, kind = _BASE.unpack_from(text)
         if kind == _IS_CONTAINER:

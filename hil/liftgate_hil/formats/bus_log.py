@@ -61,9 +61,7 @@ class BusLog(Recording):
             return list(dict.fromkeys(bus for bus, frames in self.parts(Account()) if len(frames)))
 
     def on_bus(self, name: str) -> BusLog:
-        """Return the log with only this bus's frames. Raises ConfigError if the file has frames, but none of
-        it.
-        """
+        """Return the log with this bus's frames only. Raises ConfigError if all frames are of others."""
         if self.channel is None:
             return self
         buses = self.buses()

@@ -52,9 +52,7 @@ FRAME_FIELDS: Mapping[str, tuple[str, str]] = {
 
 
 def topics_of(columns: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return for each topic its columns, except `time_s`, with the prefix that the field's name omits ("":
-    none).
-    """
+    """Return each topic's columns but `time_s`, with the prefix that the field's name omits ("": none)."""
     topics: dict[str, dict[str, str]] = {}
     for name in columns:
         if name != "time_s":

@@ -120,9 +120,7 @@ class Recording:
         return self
 
     def on_bus(self, name: str) -> Recording:
-        """Return the recording with only this bus's frames, or itself without any. Raises ConfigError: another
-        bus.
-        """
+        """Return the recording with this bus's frames only. Raises ConfigError if all frames are of others."""
         if self.channel not in (None, name):
             raise no_such_bus(self.path, name, [str(self.channel)])
         return self

@@ -186,9 +186,7 @@ def _speeds(vehicle: Vehicle, data: Data, side: str, end: float) -> Iterator[flo
 
 
 def _fastest(times: Floats, values: Floats) -> float:
-    """Return an upper limit of the magnitude of a signal's average slope: that of the fit plus its error
-    margin.
-    """
+    """Return an upper limit of a signal's average slope, unsigned: the fitted one plus its margin of error."""
     t = times - np.mean(times)
     slope = float(t @ values) / float(t @ t)
     residual = values - np.mean(values) - slope * t

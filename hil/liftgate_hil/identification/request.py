@@ -105,9 +105,7 @@ class Angles:
     allowed, invalid = "LOW:HIGH, -360 to 360 degrees", (math.nan, math.nan)
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[float, float]:
-        """Return lower and upper angle [deg], NaN unless these are two numbers; add an issue if they are
-        invalid.
-        """
+        """Return lower and upper angle [deg], NaN unless these are two numbers; if invalid, add an issue."""
         parts = value.split(":") if isinstance(value, str) else value
         low, high = self.invalid
         if isinstance(value, str) or (isinstance(value, list | tuple) and all(map(_is_number, value))):

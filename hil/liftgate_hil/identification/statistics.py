@@ -258,9 +258,7 @@ def is_nothing(errors: Floats, measured: Floats) -> bool:
 
 
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
-    """Whether Ljung and Box's test of the first lags finds a residual white (0.1 % level); True below 4
-    samples.
-    """
+    """Whether a residual is white (Ljung-Box test, 0.1 % level); True with fewer than 4 samples."""
     from scipy.special import chdtrc
 
     count = len(errors)

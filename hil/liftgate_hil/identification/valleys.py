@@ -99,9 +99,7 @@ def _longest(problem: Problem, covariance: Floats) -> list[Floats]:
 def _adjusted(
     problem: Problem, found: Descent, step: Floats, across: Floats, given_std: Floats | None
 ) -> SearchPoint | None:
-    """Return the point a `step` from a minimum, adjusted orthogonally to `across`; None: refused, or not
-    finite.
-    """
+    """Return the point a `step` from a minimum, adjusted orthogonally to `across`; None: not allowed."""
     low, high = problem.bounds
     point = found.point + step
     place = None

@@ -52,9 +52,7 @@ class AnswerChannel:
         return self._name, self._token
 
     def take(self, timeout: float) -> bytes | None:
-        """Return the child's answer; None: none in `timeout` [s], or a foreign connection. Raises
-        BadAnswerError.
-        """
+        """Return the child's answer; None: none in `timeout` [s], or a foreign one. Raises BadAnswerError."""
         if not select.select([self._socket], [], [], timeout)[0]:
             return None
         connection, _ = self._socket.accept()

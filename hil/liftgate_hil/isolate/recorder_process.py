@@ -142,9 +142,7 @@ class RecorderProcess:
         self._is_ready = True
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Send a mark of up to 200 characters at a time [s], without waiting; False: refused, or no file takes
-        it.
-        """
+        """Send a mark of up to 200 characters at a time [s], without waiting; False: nobody writes it."""
         return self._failed < self._count and self._tell([time_s, text])
 
     def _tell(self, what: Any) -> bool:
@@ -157,9 +155,7 @@ class RecorderProcess:
         return True
 
     def close(self) -> None:
-        """Wait up to the run's duration plus a minute for the files; set `files`, `span` etc. Raises
-        RecordingError.
-        """
+        """Wait for the files, up to the run's duration and a minute; set `files`. Raises RecordingError."""
         assert self._process.stdin is not None
         self._is_closing = True
         with contextlib.suppress(OSError):
@@ -210,9 +206,7 @@ class RecorderProcess:
         return f"`record` {self._names}: the recording process was ended from outside"
 
     def _read(self, heard: int) -> None:
-        """Read replies from the descriptor `heard` until the process ends; pass messages to `say`, queue
-        others.
-        """
+        """Read replies from `heard` until the process ends; pass messages to `say`, queue others."""
         is_complete = False
         try:
             with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:

@@ -76,9 +76,7 @@ class Expected:
         )
 
     def notes_on_begin(self, angle_deg: float) -> list[str]:
-        """Return a list: one note if the precondition was not completed or the angle is NaN (unknown), else
-        none.
-        """
+        """Return one note, in a list, if the precondition was not completed or the angle is NaN; else []."""
         if self.precondition_end is not None and math.isnan(angle_deg):
             action = self.precondition_end.action
             return [f"precondition: {action}: no gate angle before {FIRST_S:g} s says whether it was completed"]
@@ -193,8 +191,7 @@ def _reported(expectation: Expectation) -> Condition:
 def tables_of(
     expected: Expected, rate: float, end: float, work: Work | None = None
 ) -> tuple[Expectations, Judged]:
-    """Return a judge's initial tables (expectations, progress), for rows at a `rate` [Hz] up to `end` [s]; see
-    Judge.
+    """Return a judge's initial tables for rows at a `rate` [Hz] up to `end` [s]; see Judge.
 
     `work` is memory that other judges may use too, between their blocks.
     """

@@ -92,9 +92,7 @@ def line_of(verdict: Verdict) -> str:
 
 
 def margin_text(verdict: Verdict) -> str:
-    """Return a verdict's margin as text, with uncertainty and unit; a dash if it is infinite or not to be
-    shown.
-    """
+    """Return a verdict's margin as text, with uncertainty and unit; a dash: infinite, or there is none."""
     if not verdict.has_margin or verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
     return _amount(verdict)

@@ -165,9 +165,7 @@ class Episode:
         )
 
     def _stretches(self, script: Script, stopped: Callable[[], bool]) -> None:
-        """Run stretches until the script's end or `stopped()`; empty rings, reset the ECU on request. Raises as
-        `run`.
-        """
+        """Run stretches until the script's end or `stopped()`; then empty the rings, reset the ECU if due."""
         shared = self.memory.shared
         last = script.ticks + script.is_last
         while self.state.tick < last and not stopped():

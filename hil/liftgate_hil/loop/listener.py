@@ -31,9 +31,7 @@ class Listener:
         """Called with a message: events of the link, frames awaited or rejected, requests the machine refuses."""
 
     def alarm(self, text: str) -> None:
-        """Called with an urgent message (link lost or back, recording ended, file set aside); default: calls
-        `say`.
-        """
+        """Called with an urgent message: link lost or back, recording ended, file set aside."""
         self.say(text)
 
     def starts(self, what: str) -> None:

@@ -27,9 +27,7 @@ class BusLoad:
         self.bits += sum(map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist()))
 
     def percent(self, bitrate: float, seconds: float) -> float:
-        """Return the bus load [%]: the share of a time [s] that frames took at a bit rate [bit/s]; 0 in no
-        time.
-        """
+        """Return the bus load [%] by these frames in a time [s] at a bit rate [bit/s]; 0 in no time."""
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 

@@ -91,9 +91,7 @@ class Operator:
         }
 
     def look(self, now: float) -> None:
-        """Release buttons whose hold time is over at a scenario time [s]; end a series 1 s after its last
-        setting.
-        """
+        """Release buttons whose hold time is over at a scenario time [s]; end a series of settings after 1 s."""
         self._buttons.release(now)
         if now - self._series_at > _SERIES_S:
             self.end_series()

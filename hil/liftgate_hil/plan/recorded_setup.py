@@ -30,9 +30,7 @@ class RecordedSetup:
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """The recorded run's vehicle, with all settings; None: not stated, or this version has other
-        parameters.
-        """
+        """The recorded run's vehicle, with all settings; None: not stated, or with other parameters."""
         with contextlib.suppress(TypeError, ValueError, KeyError, AttributeError):
             found = _built(Vehicle, self.content["vehicle"])
             return found if isinstance(found, Vehicle) else None

@@ -270,9 +270,7 @@ def _injections(
 
 
 def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
-    """Return a fault's edits of the gate's constants; none for one on the bus or of a parameter
-    (`_changed_by`).
-    """
+    """Return a fault's edits of the gate's constants; none for faults on the bus or of a parameter."""
     kind, where = FAULT_KINDS[fault.kind], fault.where or "both"
     if fault.kind == "parameter" or kind.of not in (DRIVE, GATE):
         return []

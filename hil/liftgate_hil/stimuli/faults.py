@@ -154,9 +154,7 @@ def look(faults: FaultPlan, moments: Moments, now: float) -> bool:
 
 @compilable
 def is_changed(faults: FaultPlan, moments: Moments, now: float) -> bool:
-    """Update faults at a time [s], if due; return whether shares, thus perhaps constants in force, have
-    changed.
-    """
+    """Update faults at a time [s], if due; return whether any share, and so perhaps a constant, changes."""
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 

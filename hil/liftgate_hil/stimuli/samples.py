@@ -21,9 +21,7 @@ class Samples:
     columns: Mapping[str, Floats]
 
     def rows_at(self, times: Floats) -> Floats:
-        """Return rows (m, INPUT_COLUMNS) held at times [s]; NaN before the first sample, and in unknown
-        columns.
-        """
+        """Return rows (m, INPUT_COLUMNS) held at times [s]; NaN before the first sample, and if unknown."""
         index = np.searchsorted(self.times, times, side="right") - 1
         rows = np.full((len(times), len(INPUT_COLUMNS)), np.nan)
         for place, name in enumerate(INPUT_COLUMNS):

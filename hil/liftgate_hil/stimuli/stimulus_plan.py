@@ -145,9 +145,7 @@ def take_posted(stimuli: StimulusPlan, time: float) -> None:
 
 @compilable
 def turns(stimuli: StimulusPlan, time: float) -> bool:
-    """Apply posted commands and faults at a time [s]; return whether shares, thus perhaps `faults.row`,
-    changed.
-    """
+    """Apply posted commands and faults at a time [s]; return whether a fault's share has changed."""
     take_posted(stimuli, time)
     changed = is_changed(stimuli.faults, stimuli.moments, time)
     if changed:

@@ -242,9 +242,7 @@ class Liftgate:
         return {name: value for name, value in options.items() if value is not None} | arguments
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
-        """Return the result of a recorded `liftgate_hil.run`, by default with pytest's ECU, bus, vehicle and
-        rig.
-        """
+        """Return the result of `liftgate_hil.run`, recorded; ECU, bus, vehicle and rig default to pytest's."""
         from liftgate_hil.drive.run import run
 
         arguments = self._with_options(arguments, "ecu", "bus", "vehicle", "rig")

@@ -41,9 +41,7 @@ class ColumnSamples(NamedTuple):
         return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
 
     def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
-        """Yield gaps between samples, or from the last to `end_us`, over `longest` [s] (None: 3 usual
-        intervals).
-        """
+        """Yield gaps between samples, or from the last to `end_us`, over `longest` [s] (None: 3 intervals)."""
         if not len(self.times_us):
             return
         steps = np.diff(np.append(self.times_us, end_us))
@@ -68,9 +66,7 @@ class RecordedRun:
     notes: list[str] = field(default_factory=list)  # observations for the user
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
-        """Yield pairs of rows (n, ROW_WIDTH), NaN where unknown, and the next frames up to the last of the
-        rows.
-        """
+        """Yield pairs of rows (n, ROW_WIDTH), NaN where unknown, and the next frames up to the last row."""
         rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0

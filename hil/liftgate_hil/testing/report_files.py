@@ -86,8 +86,7 @@ def refuse_inputs(targets: Targets, inputs: Iterable[str | Path]) -> None:
 
 @contextlib.contextmanager
 def reporting_issues(targets: Targets, words: Callable[[str], str] = str, say: Say = silent) -> Iterator[None]:
-    """Context manager that writes a ConfigError over earlier, perhaps passed results in JUnit files, and raises
-    it.
+    """Context that writes a ConfigError over earlier results in JUnit files, and raises it.
 
     `words` replaces names of arguments in issues, e.g. by command-line options. Earlier files of the other kinds
     are removed; what is no file, such as /dev/null, stays. Another program's file in the place of a JUnit file is

@@ -72,9 +72,7 @@ class SuiteResult(DescribedResult):
 
 
 class SuiteListener:
-    """Listener of a suite's scenarios, which may stop the suite. This base class only prints reports for
-    stdout.
-    """
+    """Listener of a suite's scenarios, which may stop it. This base class only prints reports for stdout."""
 
     runs = Listener()  # of each run
 
@@ -213,9 +211,7 @@ def _names_in(request: SuiteRequest) -> list[str]:
 
 
 def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Case]:
-    """Return a request's cases, recording if it says so. Raises ConfigError, also for a report over an input
-    file.
-    """
+    """Return a request's cases, with recordings if asked. Raises ConfigError, also for an input as report."""
     names = _names_in(request)
     files = (request.vehicle, request.rig, request.ecu)
     refuse_inputs(targets, [*names, *(each for each in files if isinstance(each, str | Path))])

@@ -98,9 +98,7 @@ class Line(Protocol):
         """
 
     def dropped(self) -> int:
-        """Return how many frames were dropped unread, as `read_frames` also reports with a frame; -1: not
-        known.
-        """
+        """Return how many frames were dropped unread, as `read_frames` also reports; -1: not known."""
 
     def counts(self) -> LinkCounts:
         """Return the counts of errors so far, except those that the loop counts itself and dropped frames."""

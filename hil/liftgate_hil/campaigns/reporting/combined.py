@@ -74,9 +74,7 @@ def _evidence(part: PartResult, number: int) -> str:
 
 
 def by_value(summary: CampaignSummary, units: Mapping[str, str]) -> str:
-    """Return an HTML table of pinch forces by the value that explains most; "": none, or too many distinct
-    ones.
-    """
+    """Return an HTML table of pinch forces by the value that explains most; "": none, or too many values."""
     top = next(iter(summary.force_indices), None)
     if top is None:
         return ""

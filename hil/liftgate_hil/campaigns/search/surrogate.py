@@ -72,9 +72,7 @@ class Surrogate:
         return np.asarray(self._mean + k @ self._weights)
 
     def choose(self, pool: Floats, targets: Sequence[float]) -> list[Floats]:
-        """Return points likeliest below the `targets` (warped margins), each once; unlikely targets are
-        skipped.
-        """
+        """Return the points likeliest below each target (a warped margin), if likely enough, each once."""
         p = pool / LENGTHS[self._scales]
         k = _matern(self._x, p)
         half = solve_triangular(self._factor, k, lower=True, check_finite=False)

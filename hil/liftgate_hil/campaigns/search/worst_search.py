@@ -267,9 +267,7 @@ class _Search:
         return float(1.0 - ((recent[:, 0] - recent[:, 1]) ** 2).mean() / recent[:, 1].var())
 
     def _dip(self) -> Floats | None:
-        """Return the exploring point farthest below its prediction, away from descents; None: none is far
-        below.
-        """
+        """Return the exploring point farthest below its prediction, away from descents; None: none is far."""
         if len(self._checks) < 16:  # too few for a robust deviation
             return None
         errors = np.array([c[1] - c[0] for c in self._checks])

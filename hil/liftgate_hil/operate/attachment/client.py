@@ -117,9 +117,7 @@ class Client:
         self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
 
     def _answer(self, number: int) -> JsonObject:
-        """Return the reply to a question, by number; {}: none in time. Stores other replies. Raises
-        RunGoneError.
-        """
+        """Return the reply to a question, by number; {}: none in time. Stores others. Raises RunGoneError."""
         end = time.monotonic() + _PATIENCE_S
         while time.monotonic() < end:
             for each in self._answers:
