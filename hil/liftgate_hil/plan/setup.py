@@ -157,7 +157,7 @@ class Setup:
     def varied(
         self, scenario: Scenario, vehicle: Vehicle, *, initial: float | str | None = None, seed: int | None = None
     ) -> Setup:
-        """Return a copy with a scenario and a vehicle; the others default to the scenario's. Raises ConfigError."""
+        """Return a copy with a scenario and vehicle; the others default to the scenario's. Raises ConfigError."""
         return replace(
             self,
             scenario=scenario,
