@@ -22,8 +22,7 @@ from liftgate_compiler import compilable, compiled
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import backdate
 from liftgate_hil.loop.advance import advance
-from liftgate_hil.loop.arrivals import longest_wait
-from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.datagrams import Buffers, longest_wait, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.python_loop import scheduled_tick
 from liftgate_hil.loop.realtime_loop import (

@@ -112,14 +112,13 @@ def _compile_others() -> None:
 
     from liftgate_hil.codec.frames import empty_frames
     from liftgate_hil.identification.trajectory import REST, trajectory
-    from liftgate_hil.loop.simulation import blocks_of
+    from liftgate_hil.loop.simulation import blocks_of, constant_voltage
     from liftgate_hil.loop.wakeups import measure_wakeups
     from liftgate_hil.measurement.walk import events_in
     from liftgate_hil.plan.setup import rig_of, setup_of
     from liftgate_hil.plan.stimulation import offline_of
     from liftgate_hil.playback.player import machine_code
     from liftgate_hil.signals import BUS_OUTPUTS
-    from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
     from liftgate_plant.vehicle import load_of, plant_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_compiler import compilable
 from liftgate_hil.ecu.calibration import BINS, Calibration
-from liftgate_hil.ecu.status import new_statuses
+from liftgate_hil.ecu.status import CLEARED
 from liftgate_hil.signals import INPUT_COUNT
 
 Words = NDArray[np.uint64]
@@ -161,7 +161,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> EcuMemory:
         command=np.full(INPUT_COUNT, np.nan),
         guards=guards,
         events=np.zeros(EVENTS, dtype=EVENT).view(np.recarray),
-        statuses=new_statuses(CODES),
+        statuses=np.full(CODES, CLEARED, dtype=np.int64),
         course=np.zeros(INPUT_COUNT + _CONTROL + drives * _DRIVE + 2 * _GUARD, dtype=np.uint64),
     )
 
@@ -182,11 +182,6 @@ def note_course(memory: EcuMemory, has_changed_state: bool) -> None:
     count = _GUARD if has_changed_state else _GUARD - 3 * BINS
     for k in range(2):
         _add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
-
-
-def command_course(memory: EcuMemory) -> Words:
-    """Return the checksums (INPUT_COUNT,) of the course that cover the command."""
-    return memory.course[:INPUT_COUNT]
 
 
 @compilable

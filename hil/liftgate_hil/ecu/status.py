@@ -19,11 +19,6 @@ CLEARED = NOT_DONE_SINCE_CLEAR | NOT_DONE_THIS_CYCLE
 _IN_THIS_MOTION = 0x100  # beside the byte: failed since the motion began
 
 
-def new_statuses(count: int) -> NDArray[np.int64]:
-    """Return cleared status bytes (count,) of trouble codes: no test has been run since."""
-    return np.full(count, CLEARED, dtype=np.int64)
-
-
 @compilable
 def fail(statuses: NDArray[np.int64], event: int) -> None:
     """Set a trouble code's status bits for a failed test."""

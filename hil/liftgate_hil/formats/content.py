@@ -22,11 +22,6 @@ _LISTED = ("seed", "clock", "rate_hz", "duration_s", "initial_deg")
 _MOST_BUSES = 254  # fits into a byte, also for formats that count from 1
 
 
-def no_remark() -> str:
-    """Return an empty remark, the default of `Content.remark`."""
-    return ""
-
-
 @dataclass(frozen=True)
 class Content:
     """Content of a recording to be written: columns, bus name, remark, provenance; formats store what they can."""
@@ -34,7 +29,7 @@ class Content:
     columns: Sequence[str]  # columns of the row to record, the time first
     channel: str = "can0"  # name of the frames' bus
     title: str = "liftgate-hil"
-    remark: Callable[[], str] = no_remark  # remark on the recording, called on closing
+    remark: Callable[[], str] = str  # by default "": remark on the recording, called on closing
     about: str = ""  # provenance of the run, as JSON; empty: unknown
     inputs: Sequence[Path] = ()  # files that it is made from, none of which is written
     # The columns of a row, in their order.

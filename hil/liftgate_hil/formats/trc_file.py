@@ -6,7 +6,7 @@ Every line is a frame, known to be none, or left out and counted.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -100,7 +100,8 @@ class TrcWriter(StreamWriter):
         self._write(text.replace("\n", "\r\n").encode())
 
 
-Read = Callable[["_Lines", int, Sequence[str]], tuple[str, Fields] | None]
+# Places of bus, type, identifier and length, before the data, in a line of version 1; 0: it has none.
+_VERSION_1 = {"1.0": (0, 0, 2, 3), "1.1": (0, 2, 3, 4), "1.2": (2, 3, 4, 5), "1.3": (2, 3, 4, 6)}
 # Places of type, bus, identifier, direction, length and data in version 2, by the letters of $COLUMNS.
 _USUAL = "N,O,T,I,d,l,D"
 
@@ -138,9 +139,10 @@ class _Header:
                 self.start = in_words["start"]
             elif key == ";$COLUMNS":
                 self.columns = [each.strip() for each in value.split(",")]
-        if self.version not in _READERS:
-            allowed = ", ".join(_READERS)
-            raise ConfigError(f"{path}: cannot be read: TRC version {self.version!r}; allowed: {allowed}")
+        if self.version not in (allowed := [*_VERSION_1, "2.0", "2.1"]):
+            raise ConfigError(
+                f"{path}: cannot be read: TRC version {self.version!r}; allowed: {', '.join(allowed)}"
+            )
         if self.version.startswith("2") and not {"O", "T", "I", "d"} <= {*self.columns}:
             raise ConfigError(
                 f"{path}: cannot be read: columns {','.join(self.columns)}; allowed: O, T, I and d in it"
@@ -159,7 +161,7 @@ class _Lines(LogLines):
 
     def __init__(self, header: _Header, account: Account) -> None:
         super().__init__(account)
-        self._read = _READERS[header.version]
+        self._version = header.version
         self.place = {letter: place for place, letter in enumerate(header.columns)}
 
     def frame_in(self, number: int, line: str) -> tuple[str, Fields] | None:
@@ -171,27 +173,14 @@ class _Lines(LogLines):
         words = re.sub(r"^(\d+)\)", r"\1 ", text).split()
         if not words[0].isdecimal():
             raise NotUnderstoodError
-        return self._read(self, number, words)
+        read = self._version_1 if self._version in _VERSION_1 else self._version_2
+        return read(number, words)
 
-    def version_1_0(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Parse a line of version 1.0: number, time, identifier, length, data."""
-        return self._version_1(number, words[1], "1", "Rx", words[2], words[3:])
-
-    def version_1_1(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Parse a line of version 1.1: number, time, type, identifier, length, data."""
-        return self._version_1(number, words[1], "1", words[2], words[3], words[4:])
-
-    def version_1_2(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Parse a line of version 1.2: number, time, bus, type, identifier, length, data."""
-        return self._version_1(number, words[1], words[2], words[3], words[4], words[5:])
-
-    def version_1_3(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
-        """Parse a line of version 1.3: number, time, bus, type, identifier, a dash, length, data."""
-        return self._version_1(number, words[1], words[2], words[3], words[4], words[6:])
-
-    def _version_1(
-        self, number: int, time: str, bus: str, kind: str, name: str, rest: Sequence[str]
-    ) -> tuple[str, Fields] | None:
+    def _version_1(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
+        """Parse a line of version 1, whose places `_VERSION_1` has."""
+        at_bus, at_kind, at_name, at_length = _VERSION_1[self._version]
+        time, name, rest = words[1], words[at_name], words[at_length:]
+        bus, kind = (words[at_bus] if at_bus else "1"), (words[at_kind] if at_kind else "Rx")
         if kind.lower() == "warng" or name.upper() == "FFFFFFFF":
             self._account.leave_out("line", "a state of the bus, no frame", f"line {number}")
             return None
@@ -203,7 +192,7 @@ class _Lines(LogLines):
         length = length_of_code(int(rest[0]), is_fd=False)
         return _bus(bus), self._fields(time, way, _identifier(name), length, rest[1 : 1 + length])
 
-    def version_2(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
+    def _version_2(self, number: int, words: Sequence[str]) -> tuple[str, Fields] | None:
         """Parse a line of version 2, whose columns the header names."""
         place = self.place
         kind = words[place["T"]].upper()
@@ -235,16 +224,6 @@ class _Lines(LogLines):
             raise NotUnderstoodError
         data = bytes.fromhex("".join(words))
         return self.checked(round(float(time) * 1000) * 1000, identifier, length, way == "tx", data)
-
-
-_READERS: dict[str, Read] = {
-    "1.0": _Lines.version_1_0,
-    "1.1": _Lines.version_1_1,
-    "1.2": _Lines.version_1_2,
-    "1.3": _Lines.version_1_3,
-    "2.0": _Lines.version_2,
-    "2.1": _Lines.version_2,
-}
 
 
 def _identifier(name: str) -> int:

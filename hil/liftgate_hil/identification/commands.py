@@ -39,6 +39,7 @@ from liftgate_hil.identification.request import (
     PRESETS,
     IdentifyRequest,
     MeasuredRequest,
+    ModelChoice,
     PlanRequest,
     SoughtChoice,
     ValidateRequest,
@@ -46,7 +47,7 @@ from liftgate_hil.identification.request import (
 from liftgate_hil.identification.result import Identification, Validation
 from liftgate_hil.plan.setup import variant_of, vehicle_from
 from liftgate_hil.report.files import check_targets, put_report, write_report
-from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.report.provenance import Provenance, provenance_of
 from liftgate_plant.vehicle import Vehicle
 
 _RATE = 1000.0  # Hz of a planned experiment
@@ -98,9 +99,7 @@ def identification_of(
 
     `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
-    inputs = inputs_of(request)
-    check_targets(_targets_of(request), inputs.values())
-    origin = provenance_of(command_line or repr(request), sources_of(inputs))
+    origin = _origin_of(request, command_line)
     vehicle, model, sought, outputs = _wanted(request)
     names = [each.parameter.name for each in sought]
     unknown = [each for each in request.profile if each not in names]
@@ -129,9 +128,7 @@ def validation_of(
 
     `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
-    inputs = inputs_of(request)
-    check_targets(_targets_of(request), inputs.values())
-    origin = provenance_of(command_line or repr(request), sources_of(inputs))
+    origin = _origin_of(request, command_line)
     vehicle = _vehicle_of(request)
     if request.parameters is not None:
         vehicle = _with_result(vehicle, request.parameters)
@@ -147,9 +144,7 @@ def validation_of(
 
 def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
     """Rank candidate experiments by their information, without writing files. Raises ConfigError."""
-    inputs = inputs_of(request)
-    check_targets({"result": request.result}, inputs.values())
-    origin = provenance_of(command_line or repr(request), sources_of(inputs))
+    origin = _origin_of(request, command_line)
     vehicle, model, sought, outputs = _wanted(request)
     kinds = list(dict.fromkeys(outputs or ("current", "position")))
     unknown = [each for each in kinds if each not in OUTPUT_KINDS]
@@ -158,6 +153,15 @@ def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentP
     columns = [OUTPUT_KINDS[kind][0] for kind in kinds]
     found = plan(vehicle, model, sought, columns, candidates(vehicle, request.duration, _RATE))
     return dataclasses.replace(found, provenance=origin)
+
+
+def _origin_of(request: ModelChoice, command_line: str) -> Provenance:
+    """Return the provenance of a result. Raises ConfigError if an output file is one of those that are read."""
+    inputs = inputs_of(request)
+    check_targets(
+        {name: getattr(request, name, None) for name in ("result", "save_vehicle", "html")}, inputs.values()
+    )
+    return provenance_of(command_line or repr(request), sources_of(inputs))
 
 
 def write_identification(request: IdentifyRequest, result: Identification, say: Say = silent) -> list[str]:
@@ -240,12 +244,6 @@ def _input_csv(planned: Candidate) -> str:
     slope = f"{planned.road_slope_deg:g}"
     lines = [f"{planned.times[k]:.9g},{planned.voltage[k]:.9g},{slope}\n" for k in rows]
     return "time_s,voltage_v,road_slope_deg\n" + "".join(lines)
-
-
-def _targets_of(request: MeasuredRequest) -> dict[str, str | Path | None]:
-    """Return the output files that a request names, by argument."""
-    own = request.save_vehicle if isinstance(request, IdentifyRequest) else None
-    return {"result": request.result, "save_vehicle": own, "html": request.html}
 
 
 def _vehicle_of(request: SoughtChoice | ValidateRequest) -> Vehicle:

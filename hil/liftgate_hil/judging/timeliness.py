@@ -149,16 +149,13 @@ class Timeliness:
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
-            gap = self._last_missed() if goes_on else None
+            gap = next((each for each in reversed(self._late) if goes_on and each.missed), None)
             if gap is None:
                 gap = _Late(time, time, 0.0, 0)
                 self._late.append(gap)
             gap.missed += count
             gap.seconds, gap.end = gap.missed * self._step, time + self._step
         self._is_missing = bool(missed[-1] > 0)
-
-    def _last_missed(self) -> _Late | None:
-        return next((each for each in reversed(self._late) if each.missed), None)
 
     def _add_late(self, begin: float, end: float, seconds: float) -> None:
         """Add a time span in which something waited for `seconds`; overlapping spans are merged."""

@@ -16,8 +16,17 @@ from liftgate_hil.codec.frames import ERROR, Frames, empty_frames
 from liftgate_hil.codec.receive import backdate, is_stale
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.loop.advance import advance
-from liftgate_hil.loop.arrivals import arrival_of, first_arrival, is_among, longest_wait
-from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.datagrams import (
+    CAPACITY,
+    Buffers,
+    arrival_of,
+    first_arrival,
+    is_among,
+    longest_wait,
+    make_buffers,
+    read_frames,
+    write_frames,
+)
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.rings import (
     DELAY,

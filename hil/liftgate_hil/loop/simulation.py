@@ -1,10 +1,11 @@
-"""Offline simulation: steps the plant through prepared inputs, a block of rows at a time."""
+"""Offline simulation: steps the plant through sampled or constant inputs, a block of rows at a time."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.advance import is_sound, write_row
 from liftgate_hil.loop.energy_watch import MOST, EnergyWatch
 from liftgate_hil.signals import ON_TIME, ROW_WIDTH
-from liftgate_hil.stimuli.samples import Samples
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, turns
 from liftgate_hil.stimuli.timeline import (
     NOT_ARMED,
@@ -33,7 +33,7 @@ from liftgate_plant.edge_ring import RING_SIZE, edges_after
 from liftgate_plant.friction_profile import FrictionProfile, frictions_in
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
-from liftgate_plant.rows import disturbed, inputs_of, overlaid, truth_of
+from liftgate_plant.rows import INPUT_COLUMNS, disturbed, inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import SensorState
 
 Floats = NDArray[np.float64]
@@ -41,6 +41,30 @@ Floats = NDArray[np.float64]
 _REMEDY = "a shorter `step`"
 _BLOCK = 2000  # steps, some milliseconds: a block cannot be interrupted
 _AHEAD = 4  # blocks: where one takes longer to compute, or to write, the other side need not wait
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Sampled inputs: times (n,) [s], and values (n,) for each known column of INPUT_COLUMNS."""
+
+    times: Floats
+    columns: Mapping[str, Floats]
+
+    def rows_at(self, times: Floats) -> Floats:
+        """Return rows (m, INPUT_COLUMNS) held at times [s]; NaN before the first sample, and if unknown."""
+        index = np.searchsorted(self.times, times, side="right") - 1
+        rows = np.full((len(times), len(INPUT_COLUMNS)), np.nan)
+        for place, name in enumerate(INPUT_COLUMNS):
+            if name in self.columns:
+                held = self.columns[name][np.maximum(index, 0)]
+                rows[:, place] = np.where(index >= 0, held, np.nan)
+        return rows
+
+
+def constant_voltage(volts: float) -> Samples:
+    """Return the samples of a step of the motor voltage [V] at time 0, on both drives."""
+    value = np.array([volts])
+    return Samples(np.zeros(1), {"left_voltage_v": value, "right_voltage_v": value})
 
 
 class Block(NamedTuple):

@@ -32,7 +32,7 @@ from liftgate_hil.loop.realtime_loop import clock_ns, make_room
 from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import in_words
-from liftgate_hil.playback.selection import DueTimes, Selection, has_sent, playable
+from liftgate_hil.playback.selection import DueTimes, Selection, playable
 from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
@@ -167,7 +167,8 @@ class Player:
             raise ConfigError(f"{self._source.path}: holds only rows; allowed: a recording with frames")
         selection = replay.selection
         if not selection.direction:
-            selection = replace(selection, direction="sent" if has_sent(self._source) else "both")
+            has_sent = any((frames["is_sent"] != 0).any() for frames in self._source.frames())
+            selection = replace(selection, direction="sent" if has_sent else "both")
         self._replay = replace(replay, selection=selection)
         self._course = DueTimes(replay.speed, selection.begin, selection.end)
         self.played.direction = selection.direction

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.recording import Recording
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -90,11 +89,6 @@ def _number(text: str) -> int:
         return int(text, 16) if text.strip().lower().startswith("0x") else -1
     except ValueError:
         return -1
-
-
-def has_sent(source: Recording) -> bool:
-    """Whether any frame of a recording is marked as sent."""
-    return any(bool((frames["is_sent"] != 0).any()) for frames in source.frames())
 
 
 @dataclass

@@ -25,7 +25,7 @@ from liftgate_hil.formats.guarded import Say, raise_failures, silent
 from liftgate_hil.formats.open import check_file, open_file, open_writer
 from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_ROWS
 from liftgate_hil.formats.target import check_no_input, is_one_of
-from liftgate_hil.loop.simulation import Block, blocks_of
+from liftgate_hil.loop.simulation import Block, Floats, Samples, blocks_of, constant_voltage
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, parse_maps
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_hil.measurement.table import (
@@ -42,7 +42,6 @@ from liftgate_hil.plan.setup import setup_for
 from liftgate_hil.plan.stimulation import offline_of
 from liftgate_hil.signals import COLUMN_PLACE, columns_of
 from liftgate_hil.simulation.request import SimulateRequest
-from liftgate_hil.stimuli.samples import Floats, Samples, constant_voltage
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import SIDES
 

@@ -32,11 +32,6 @@ HELD_OBSTACLE = Obstacle(**{name: getattr(HELD, f"obstacle_{name}") for name in 
 HELD_TIMING = Timing(**{name: getattr(HELD, name) for name in Timing._fields})
 
 
-def nothing_held() -> NDArray[np.float64]:
-    """Return the array of held values before the first command: all NaN."""
-    return np.full(len(NAMES), np.nan)
-
-
 SLOTS = 32  # faults that may be injected at the same time
 LENGTH = 256  # commands that may wait
 

@@ -26,10 +26,10 @@ from liftgate_hil.stimuli.command_queue import (
     HELD_OBSTACLE,
     HELD_SURROUNDINGS,
     HELD_TIMING,
+    NAMES,
     CommandQueue,
     Opening,
     command_queue_of,
-    nothing_held,
     take_commands,
 )
 from liftgate_hil.stimuli.faults import FaultPlan, Injection, faults_of, is_changed
@@ -118,7 +118,7 @@ def stimulus_plan_of(
         moments,
         faults,
         bus_faults,
-        nothing_held(),
+        np.full(len(NAMES), np.nan),
         asked,
         restbus,
         bus.tester or no_tester(),

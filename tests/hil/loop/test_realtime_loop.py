@@ -39,8 +39,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.advance import write_row
-from liftgate_hil.loop.arrivals import arrival_of
-from liftgate_hil.loop.datagrams import make_buffers, read_frames, write_frames
+from liftgate_hil.loop.datagrams import arrival_of, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
 from liftgate_hil.loop.observers import Trace
 from liftgate_hil.loop.python_loop import Loop
