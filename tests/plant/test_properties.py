@@ -147,15 +147,3 @@ def test_a_missing_drive_has_no_effect() -> None:
 
 def test_the_compiler_is_enabled_for_the_tests_of_the_plant() -> None:
     assert compiled(fill) is not fill
-
-
-def test_the_gate_acceleration_output_is_the_slope_of_the_gate_rate() -> None:
-    vehicle = suv()
-    plant = plant_of(vehicle)
-    given_inputs = inputs(vehicle, DriveInput(0.8, 0.0, 0.0))
-    rows = fast_run(plant, at_rest(vehicle, 20.0), given_inputs, 1e-4, 3000)
-    rate = column(rows, "rate")
-    for k in (500, 1500, 2900):
-        shown = dynamics.outputs(plant, state_of(rows[k]), given_inputs)
-        slope = (rate[k + 1] - rate[k - 1]) / 2e-4
-        assert shown.gate_acceleration == pytest.approx(slope, rel=0.02, abs=1e-3)

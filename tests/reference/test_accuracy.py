@@ -281,6 +281,7 @@ def test_whole_cycle_errors_shrink_with_the_square_of_the_step() -> None:
         np.polyfit(np.log(steps), np.log([getattr(each, name) for each in found]), 1)[0]
         for name in ("left", "angle")
     )
+    assert found[1].left < 0.1  # mA rms at 1 ms
     # Second order; events inside steps scatter the errors by some ten per cent.
     assert current > 1.8, f"{current:.2f}, {found}"
     assert angle > 1.8, f"{angle:.2f}, {found}"

@@ -157,25 +157,13 @@ def test_a_folder_with_a_campaign_is_neither_overwritten_nor_resumed_by_another_
     assert main(["campaign", scenario, *flags, "--resume"]) == 0
     assert manifest_in("campaign")["evaluated_now"] == 0
     assert rows_in("campaign") == before
-    for more, what in (
-        (["--vary", "rod=1,2"], "vary"),
-        (["--seed", "3"], "seed"),
-        (["--set", "gate.mass=31"], "settings"),
-    ):
-        assert main(["campaign", scenario, *flags, *more, "--resume"]) == 2
-        assert f"{what}: not as the campaign began" in capsys.readouterr().err
+    assert main(["campaign", scenario, *flags, "--set", "gate.mass=31", "--resume"]) == 2
+    assert "settings: not as the campaign began" in capsys.readouterr().err
     Path(scenario).write_text(SHORT + "# changed\n")
     assert main(["campaign", scenario, *flags, "--resume"]) == 2
     assert "scenario: not as the campaign began" in capsys.readouterr().err
     assert main(["campaign", "campaign", "--replay", before[0]["variant"]]) == 2
     assert "campaign: scenario: not as in the campaign; allowed: the same as there" in capsys.readouterr().err
-
-
-def test_values_that_differ_in_their_last_bit_are_two_variants(scenario: str) -> None:
-    assert main(["campaign", scenario, "--vary", "rod=10000,10000.000000000002", "--jobs", "1", "--quiet"]) == 0
-    rows = rows_in("campaign")
-    assert [row["rod"] for row in rows] == [10000.0, 10000.000000000002]
-    assert rows[0]["variant"] != rows[1]["variant"]
 
 
 def test_a_system_clock_that_jumps_changes_no_result(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,17 +352,6 @@ def test_a_stopped_campaign_keeps_its_results_and_says_that_it_is_incomplete(
     assert "Incomplete" in Path("campaign/report.html").read_text()
     assert main(["campaign", scenario, *MANY, "--resume", "--quiet"]) == 0
     assert not any(row["error"] for row in rows_in("campaign"))
-
-
-def test_a_damaged_batch_is_evaluated_again(scenario: str) -> None:
-    flags = ["--vary", "angle=60:79:8", "--jobs", "1", "--quiet"]
-    assert main(["campaign", scenario, *flags]) == 0
-    before = rows_in("campaign")
-    batches = sorted(Path("campaign/batches").glob("*.parquet"))
-    batches[0].write_bytes(batches[0].read_bytes()[:100])
-    batches[1].write_bytes(b"")
-    assert main(["campaign", scenario, *flags, "--resume"]) == 0
-    assert rows_in("campaign") == before
 
 
 def test_a_store_that_vanishes_is_reported_and_the_campaign_can_be_resumed(scenario: str) -> None:

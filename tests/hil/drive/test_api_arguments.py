@@ -52,6 +52,11 @@ BOTH = [
     ({"rate": 0}, "`rate` 0: allowed: 200 to 10000 Hz"),
     ({"rate": "1000"}, "`rate` '1000': allowed: 200 to 10000 Hz"),
     ({"rate": float("nan")}, "`rate` nan: allowed: 200 to 10000 Hz"),
+    ({"rig": "nix"}, "nix: neither a file nor a shipped name"),
+    ({"vehicle": "nix"}, "nix: neither a file nor a shipped name"),
+    ({"initial": "ajar"}, "ajar: allowed: closed, open, or 0 to 80"),
+    ({"seed": "x"}, "'x': allowed: a whole number"),
+    ({"settings": ["motor.resistance=-1"]}, "motor.resistance"),
     ({"settings": [5]}, "`settings` .*: allowed: a list of KEY=VALUE"),
     ({"settings": "supply.voltages=11"}, "`settings` supply.voltages: "),
 ]
@@ -118,6 +123,8 @@ def test_invalid_arguments_are_refused_before_a_library_process_starts(
     for arguments, message in BOTH:
         with pytest.raises(ConfigError, match=message):
             lh.run(SHORT, library, **arguments)
+    with pytest.raises(ConfigError, match="no such file"):
+        lh.run(SHORT, tmp_path / "missing.so")
 
 
 @pytest.mark.parametrize(

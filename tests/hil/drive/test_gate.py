@@ -168,24 +168,6 @@ def test_invalid_calls_are_refused_without_an_effect(call: Any, message: str) ->
         assert gate.time == 0.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"vehicle": "nix"}, "nix: neither a file nor a shipped name"),
-        ({"rig": "nix"}, "nix: neither a file nor a shipped name"),
-        ({"initial": "ajar"}, "ajar: allowed: closed, open, or 0 to 80"),
-        ({"initial": 90.0}, "90.0: allowed: closed, open, or 0 to 80"),
-        ({"rate": 10.0}, "10.0: allowed: 200 to 10000 Hz"),
-        ({"seed": -1}, "-1: allowed: a whole number"),
-        ({"seed": "x"}, "'x': allowed: a whole number"),
-        ({"settings": ["motor.resistance=-1"]}, "motor.resistance"),
-    ],
-)
-def test_a_gate_with_invalid_arguments_is_refused(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        lh.Gate(**arguments)
-
-
 def test_a_force_peak_between_two_frames_is_in_the_maximum_of_bench_status() -> None:
     with lh.Gate(initial=40.0) as gate:
         gate.command(left_duty=100, right_duty=100, direction="close")

@@ -146,13 +146,6 @@ def test_a_false_formula_whose_margin_is_0_fails() -> None:
     assert judged(each, rows_of([1.0, 0.0])).verdict == "pass"
 
 
-def test_never_latched_on_a_latched_gate_fails() -> None:
-    rows = rows_of([0.0] * 5)
-    rows[:, COLUMN_PLACE["latched"]] = 1.0
-    found = judged(Expectation("x", "never", "latched == 1"), rows)
-    assert (found.verdict, found.margin) == ("fail", 0.0)
-
-
 @pytest.mark.parametrize("after", [0.0, 0.003, 0.01, 0.017])
 def test_a_hold_time_as_long_as_its_window_is_judged_wherever_the_window_begins(after: float) -> None:
     """Also where no row is at the window's first instant: at time 0, or between two rows."""

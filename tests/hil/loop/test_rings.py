@@ -90,20 +90,6 @@ def test_rows_are_read_once_in_order_and_complete_and_lost_ones_are_counted(
     assert len(got) + len(last) + reader.lost == writer.head
 
 
-@CALM
-@given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=20))
-def test_a_reader_that_keeps_up_loses_no_rows(capacity: int, params: list[int]):
-    writer = Writer(capacity, 1)
-    reader = RingReader(writer.rows, writer.control, "head")
-    got: list[int] = []
-    for count in params:
-        for _ in range(2 * min(count, capacity - 1)):
-            writer.half_row()
-        got += [int(row[0]) for row in reader.take()]
-    assert got == list(range(writer.head))
-    assert reader.lost == 0
-
-
 def test_rows_read_from_a_ring_are_copies():
     writer = Writer(4, 1)
     reader = RingReader(writer.rows, writer.control, "head")

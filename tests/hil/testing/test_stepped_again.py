@@ -207,8 +207,6 @@ def test_a_gate_unlike_the_recorded_one_confirms_nothing(run: tuple[Path, list[P
     late = with_lateness(files, peak - 0.02, 8)
     found = lh.judge(late, scenario(folder, 300.0), vehicle="compact")["soft"]
     assert found.verdict == "inconclusive"
-    alone = lh.judge([late[0]], scenario(folder, 300.0))["soft"]  # without the commands
-    assert alone.verdict == "inconclusive"
 
 
 PASSED = Verdict("x", "pass", margin=10.0, margin_unit="N")
