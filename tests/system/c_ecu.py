@@ -142,3 +142,14 @@ def _cross(first: int, second: int, stop: threading.Event) -> None:
         for source in select.select([first, second], [], [], 0.05)[0]:
             with contextlib.suppress(BlockingIOError):  # nobody reads there: lost
                 os.write(other[source], os.read(source, 4096))
+
+
+@contextlib.contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    """Context with a process, which is killed at its end."""
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import signal
-import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from c_ecu import build_ecu, needs_compiler, serial_line
+from c_ecu import build_ecu, needs_compiler, running, serial_line
 from hil_support import text_file
 
 pytestmark = pytest.mark.realtime
@@ -25,18 +22,8 @@ def ecus(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return build_ecu(tmp_path_factory.mktemp("ecu"))
 
 
-@contextlib.contextmanager
-def process(*command: str) -> Iterator[subprocess.Popen[str]]:
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield child
-    finally:
-        child.kill()
-        child.communicate()
-
-
 def exit_code(*command: str) -> int:
-    with process(*command) as child:
+    with running(*command) as child:
         child.communicate(timeout=PATIENCE)
     return child.returncode
 
@@ -47,11 +34,11 @@ def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(tmp_path: Path, ecus: tu
     surroundings = text_file(tmp_path / "surroundings.toml", OBSTACLE)
     with (
         serial_line() as (ours, theirs),
-        process(
+        running(
             sys.executable, "-m", "liftgate_hil", "--serial", f"{ours}@921600", "--clock", "realtime",
             "--scenario", str(surroundings), "--overrun-limit", "60", "--json",
         ) as gate,
-        process(str(ecus[1]), theirs, str(0.9 * PATIENCE)) as ecu,
+        running(str(ecus[1]), theirs, str(0.9 * PATIENCE)) as ecu,
     ):  # fmt: skip
         _, told = ecu.communicate(timeout=PATIENCE)
         gate.send_signal(signal.SIGINT)
@@ -82,7 +69,7 @@ def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None
     """4 s of it, in real time."""
     with (
         serial_line() as (ours, theirs),
-        process(
+        running(
             sys.executable, "-m", "liftgate_hil", "demo", "--serial", ours, "--ecu-serial", theirs,
             "--duration", "4", "--overrun-limit", "60", "--output", str(tmp_path),
         ) as demo,

@@ -122,3 +122,11 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Show progress of even the shortest operation, at each of its reports."""
     monkeypatch.setattr("liftgate_hil.cli.terminal.progress.AFTER_S", 0.0)
     monkeypatch.setattr("liftgate_hil.cli.terminal.progress.EVERY_S", 0.0)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now

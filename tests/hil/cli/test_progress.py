@@ -5,18 +5,10 @@ from __future__ import annotations
 import re
 
 import pytest
-from pseudo_terminal import as_stderr
+from pseudo_terminal import Clock, as_stderr
 
 from liftgate_hil.cli.terminal.progress import ProgressDisplay, duration_of
 from liftgate_hil.cli.terminal.screen import Screen
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def test_an_operation_of_less_than_two_seconds_is_not_shown(monkeypatch):

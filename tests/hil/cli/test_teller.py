@@ -8,21 +8,13 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from pseudo_terminal import as_stderr
+from pseudo_terminal import Clock, as_stderr
 
 from liftgate_hil.cli.terminal.panel import PanelView
 from liftgate_hil.cli.terminal.teller import Teller
 from liftgate_hil.loop.listener import RunStatus
 
 STATUS = RunStatus(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def test_the_panel_stays_below_the_messages(monkeypatch: pytest.MonkeyPatch):

@@ -342,18 +342,20 @@ def test_an_empty_or_circular_path_is_reported(path: str, capsys: pytest.Capture
     assert "Traceback" not in capsys.readouterr().err
 
 
+def ecu_that(name: str, monkeypatch: pytest.MonkeyPatch, *step: str, head: str = "period_s = 0.01") -> str:
+    """Write a module whose ECU executes the lines `step` in each step; return its name for --ecu."""
+    lines = ["import can", "class Ecu:", f"    {head}", "    def step(self, now_s, frames):"]
+    Path(f"{name}.py").write_text("\n".join([*lines, *(f"        {each}" for each in step)]))
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    return f"{name}:Ecu"
+
+
 def test_frames_refused_by_the_gate_are_noted_beside_the_verdicts(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Path("wrong_ecu.py").write_text(
-        "import can\n"
-        "class Ecu:\n"
-        "    def step(self, now_s, frames):\n"
-        "        return [can.Message(arbitration_id=0x120, data=bytes(8), is_extended_id=False)]\n"
-    )
-    monkeypatch.syspath_prepend(str(Path.cwd()))
-    name = scenario("a.toml", MOVES)
-    assert main(["test", name, "--ecu", "wrong_ecu:Ecu", "--json", "out.json"]) == 1
+    frames = "[can.Message(arbitration_id=0x120, data=bytes(8), is_extended_id=False)]"
+    ecu = ecu_that("wrong_ecu", monkeypatch, f"return {frames}")
+    assert main(["test", scenario("a.toml", MOVES), "--ecu", ecu, "--json", "out.json"]) == 1
     assert " frames to the gate were refused: " in capsys.readouterr().out
     told = json.loads(Path("out.json").read_text())["scenarios"][0]
     assert " checksum" in told["notes"][0]
@@ -361,17 +363,14 @@ def test_frames_refused_by_the_gate_are_noted_beside_the_verdicts(
 
 
 def test_a_counter_with_steps_of_2_is_noted_as_missing_frames(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> None:
-    Path("odd_ecu.py").write_text(
-        "import can\n"
-        f"COMMANDS = {[command_frame(rig, 2 * k)[1] for k in range(60)]!r}\n"
-        "class Ecu:\n"
-        "    period_s = 0.01\n"
-        "    def step(self, now_s, frames):\n"
-        "        latch = can.Message(arbitration_id=0x121, data=bytes(3), is_extended_id=False)\n"
-        "        return [can.Message(arbitration_id=0x120, data=COMMANDS.pop(0), is_extended_id=False), latch]\n"
+    ecu = ecu_that(
+        "odd_ecu",
+        monkeypatch,
+        "latch = can.Message(arbitration_id=0x121, data=bytes(3), is_extended_id=False)",
+        "return [can.Message(arbitration_id=0x120, data=self.commands.pop(0), is_extended_id=False), latch]",
+        head=f"period_s, commands = 0.01, {[command_frame(rig, 2 * k)[1] for k in range(60)]!r}",
     )
-    monkeypatch.syspath_prepend(str(Path.cwd()))
-    assert main(["test", scenario("a.toml", RESTS), "--ecu", "odd_ecu:Ecu", "--json", "out.json"]) == 0
+    assert main(["test", scenario("a.toml", RESTS), "--ecu", ecu, "--json", "out.json"]) == 0
     notes = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
     found = re.search(r"(\d+) of (\d+) DriveCommand frames are missing by their counter", "; ".join(notes))
     assert found is not None
@@ -381,18 +380,14 @@ def test_a_counter_with_steps_of_2_is_noted_as_missing_frames(monkeypatch: pytes
 def test_refused_frames_and_late_commands_are_noted_with_their_cause(
     monkeypatch: pytest.MonkeyPatch, rig: Rig
 ) -> None:
-    Path("slow_ecu.py").write_text(
-        "import can\n"
-        f"COMMANDS = {[command_frame(rig, k)[1] for k in range(15)]!r}\n"
-        "class Ecu:\n"
-        "    period_s = 0.1\n"
-        "    def step(self, now_s, frames):\n"
-        "        data = bytes(7), COMMANDS.pop(0)\n"
-        "        return [can.Message(arbitration_id=0x120, data=each, is_extended_id=False) for each in data]\n"
+    ecu = ecu_that(
+        "slow_ecu",
+        monkeypatch,
+        "data = bytes(7), self.commands.pop(0)",
+        "return [can.Message(arbitration_id=0x120, data=each, is_extended_id=False) for each in data]",
+        head=f"period_s, commands = 0.1, {[command_frame(rig, k)[1] for k in range(15)]!r}",
     )
-    monkeypatch.syspath_prepend(str(Path.cwd()))
-    name = scenario("a.toml", RESTS)
-    assert main(["test", name, "--ecu", "slow_ecu:Ecu", "--json", "out.json"]) == 0
+    assert main(["test", scenario("a.toml", RESTS), "--ecu", ecu, "--json", "out.json"]) == 0
     notes = json.loads(Path("out.json").read_text())["scenarios"][0]["notes"]
     assert notes[1].startswith("the first of them: 0.")
     assert notes[1].endswith(" s: DriveCommand refused: 7 bytes; expected 8")
@@ -420,17 +415,8 @@ def test_refused_frames_and_late_commands_are_noted_with_their_cause(
 def test_an_ecu_without_an_accepted_command_is_noted_and_its_prints_go_to_stderr(
     frames: str, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Path("mute_ecu.py").write_text(
-        "import can\n"
-        "class Ecu:\n"
-        "    period_s = 0.01\n"
-        "    def step(self, now_s, frames):\n"
-        "        print('its own words')\n"
-        f"        return {frames}\n"
-    )
-    monkeypatch.syspath_prepend(str(Path.cwd()))
-    name = scenario("a.toml", RESTS)
-    assert main(["test", name, "--ecu", "mute_ecu:Ecu", "--json", "-"]) == 0
+    ecu = ecu_that("mute_ecu", monkeypatch, "print('its own words')", f"return {frames}")
+    assert main(["test", scenario("a.toml", RESTS), "--ecu", ecu, "--json", "-"]) == 0
     out, error = capfd.readouterr()
     assert json.loads(out)["scenarios"][0]["notes"] == [said]
     assert "its own words" in error

@@ -533,16 +533,12 @@ def children_of(pid: int) -> list[int]:
     return found
 
 
-def is_page(pid: int) -> bool:
-    """Tell whether a child of a run is its page, not the recorder process that waits for an order."""
-    return b"recorder_process" not in Path(f"/proc/{pid}/cmdline").read_bytes()
-
-
 def test_a_page_that_ends_before_its_run_is_reported_with_how_to_start_it_again(tmp_path: Path) -> None:
     with bench_with_page(tmp_path, "alone", "--read-only") as client:
         run = client.child
         until(client, is_going)
-        (page,) = (pid for pid in children_of(run.pid) if is_page(pid))
+        found = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children_of(run.pid)}
+        (page,) = (pid for pid, command in found.items() if b"recorder_process" not in command)
         os.kill(page, signal.SIGKILL)
         said = next(line for line in run.stderr if "the page" in line)
         assert said == (

@@ -152,13 +152,11 @@ def test_an_ecu_answering_each_frame_never_has_two_commands_pending(rig: Rig, sa
     assert loop.state.timeouts == 0
 
 
-class Silence:
+class Silence(Memory):
     """A wire, silent but for `rows` by the number of a waiting read, and the clock that waiting on it advances."""
 
-    name = "silence"
-    is_up = True
-
     def __init__(self, monkeypatch: pytest.MonkeyPatch, rows: dict[int, Rows]) -> None:
+        super().__init__()
         self.now = 100.0
         self._reads = 0
         self._rows = rows  # by the number of the waiting read
@@ -173,15 +171,6 @@ class Silence:
         self.now += timeout
         self._reads += 1
         return frames_of(self._rows.get(self._reads - 1, []))
-
-    def send(self, frames: Frames) -> None:
-        pass
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
 
 
 def test_lockstep_reports_that_it_is_ready_and_the_awaited_message(rig: Rig, monkeypatch: pytest.MonkeyPatch):

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import loop_fakes
 import numpy as np
 import pytest
 from catalogue_bus import catalogue_rig, input_frames, outputs_in
@@ -41,7 +42,6 @@ from liftgate_hil.signals import (
 from liftgate_hil.stimuli.command_queue import HELD
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli, outside_at
 from liftgate_hil.stimuli.timeline import Profile
-from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import CLOSE, OPEN, drive_input
 from liftgate_plant.dynamics import Inputs
@@ -291,25 +291,6 @@ def test_every_column_of_the_rings_rows_has_the_value_of_its_name(which: str) ->
     memory.close()
 
 
-class Silence:
-    """A transport without any frames."""
-
-    name = "silence"
-    is_up = True
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        return empty_frames(0)
-
-    def send(self, frames: Frames) -> None:
-        pass
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
-
-
 class Notes:
     """Recorder that keeps rows."""
 
@@ -325,7 +306,7 @@ def test_every_column_of_the_python_loops_rows_has_the_value_of_its_name(
 ) -> None:
     rows, watched, notes = distinct(Rows), Trace(), Notes()
     config = loop_config(rig=rig)
-    loop = Loop(config, start_of(config), stimulus_plan(config), Silence(), sinks=[notes, watched])
+    loop = Loop(config, start_of(config), stimulus_plan(config), loop_fakes.Memory(), sinks=[notes, watched])
 
     def tick(config: Any, state: Any, frames: Frames, given: Any) -> Any:
         return state, frames, rows.truth, rows.sensed
