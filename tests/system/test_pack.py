@@ -113,7 +113,7 @@ def test_an_ecu_that_stops_without_reversing_fails_the_reversal_expectations() -
 def mutated(case: Case, mutant: str) -> Case:
     """A case of the pack with a mutant of the reference ECU."""
     assert isinstance(case.plan, Plan)
-    return replace(case, plan=case.plan.varied(replace(case.job, mutant=mutant)))
+    return replace(case, plan=case.plan.varied(case.job._replace(mutant=mutant)))
 
 
 def test_every_mutant_has_a_scenario_named_to_kill_it() -> None:

@@ -1,7 +1,5 @@
 """Campaign file (TOML): several campaigns with one report; shipped files are named `pack:NAME`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any

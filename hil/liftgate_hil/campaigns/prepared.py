@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -69,7 +69,7 @@ def prepared(request: CampaignRequest) -> Prepared:
     against = None
     if request.against:
         ecu, mutant = ecu_of(str(request.against), "against")
-        against = base_of(plan_of(replace(job.asking(ecu=ecu), mutant=mutant)), base.targets)
+        against = base_of(plan_of(job.asking(ecu=ecu)._replace(mutant=mutant)), base.targets)
     return Prepared(request, base, space, plan, design, against)
 
 

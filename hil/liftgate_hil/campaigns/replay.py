@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ def replayed(
     for target in record:
         if is_one_of(target, [path / name for name in OWN]):
             raise ConfigError(f"`record` {target}: belongs to the campaign; allowed: another file")
-    result = execute(plan_of(replace(job.asking(record=tuple(record)), trace=1, listener=listener)))
+    result = execute(plan_of(job.asking(record=tuple(record))._replace(trace=1, listener=listener)))
     seen = _columns_of(result, found.base.expectations)
     wrong = [
         f"{name}: {_shown(each)}, the campaign saw {_shown(row.get(name))}"

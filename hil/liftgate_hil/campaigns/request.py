@@ -1,10 +1,8 @@
 """Request of a campaign, in plain values; campaign.json stores those that determine its results."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from liftgate_hil.config.choices import OwnSeed, ParametersChoice, VehicleSettings
 from liftgate_hil.config.described import Field, Record, fields_of, value_of
@@ -95,7 +93,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
         return {name: list(each) if isinstance(each, tuple) else each for name, each in found.items()}
 
     @classmethod
-    def of_kept(cls, given: Any) -> CampaignRequest:
+    def of_kept(cls, given: Any) -> Self:
         """Restore a request from the values of `kept`. Raises ConfigError where they are damaged."""
         if not isinstance(given, Mapping) or set(given) != set(_KEPT):
             raise ConfigError(

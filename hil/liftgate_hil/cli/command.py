@@ -6,8 +6,7 @@ import argparse
 import contextlib
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from liftgate_hil.config.described import REQUIRED, Record, fields_of, signature_of
 from liftgate_hil.config.kinds import Choice, Flag, Kind, Number, Paths, Whole
@@ -104,8 +103,7 @@ def add_printed(parser: argparse.ArgumentParser, quiet: str = "no messages but e
         parser.add_argument("--json", action="store_true", help=json)
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(NamedTuple):
     """Call of a command: the values of its flags, its command line, and whether it owns the process."""
 
     values: Mapping[str, Any]

@@ -6,8 +6,6 @@ Without a bus both run in this process: on the free clock as machine code, else 
 bus the ECU is a second process. On a serial line it needs a port of its own, the line's other end: --ecu-serial.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
@@ -146,7 +144,7 @@ class _Demo:
             print(printable(last))
         return 1 if reasons else self._run.exit_code(shown)
 
-    def _shown(self, request: RunRequest, page: RunPage) -> Result:
+    def _shown(self, request: RunRequest, page: RunPage) -> "Result":
         """Run the demo with the given request and return its result. Raises LiftgateError."""
         shown = self._run.result(
             request,
@@ -159,7 +157,7 @@ class _Demo:
         self._run.raise_error(shown)
         return shown
 
-    def _last_line(self, shown: Result, is_repeated: bool) -> str:
+    def _last_line(self, shown: "Result", is_repeated: bool) -> str:
         """Return the last line of output after a run without failures; "": the expectations' verdicts suffice."""
         if self._is_whole:
             where = " (repeated on the free clock)" if is_repeated else ""
@@ -182,7 +180,7 @@ class _Demo:
             )
         )
 
-    def _present(self, shown: Result, event: PinchEvent | None, mark: str) -> None:
+    def _present(self, shown: "Result", event: "PinchEvent | None", mark: str) -> None:
         """Write the picture of a result, with `mark` in its title, and print the result, as the flags ask."""
         if not self._files.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
             teller = Teller(self._call.is_quiet, self._call.is_json)
@@ -196,12 +194,12 @@ class _Demo:
             self._tell(shown, event)
             print_summary(shown)
 
-    def _is_stopped(self, shown: Result) -> bool:
+    def _is_stopped(self, shown: "Result") -> bool:
         """Whether the run was stopped before its end."""
         whole = self._whole()
         return whole is not None and shown.summary.model_time_s < whole and self._run.stopped()
 
-    def _setup(self) -> Setup:
+    def _setup(self) -> "Setup":
         from liftgate_hil.plan.setup import setup_for
 
         return setup_for(self._request)
@@ -218,7 +216,7 @@ class _Demo:
             return _USUAL_EVERY
         return int(max(1, math.ceil(duration * self._request.rate / _MOST_ROWS)))
 
-    def _draw(self, shown: Result, event: PinchEvent | None, mark: str, teller: Teller) -> None:
+    def _draw(self, shown: "Result", event: "PinchEvent | None", mark: str, teller: Teller) -> None:
         """Write the picture of a demo's run. Raises ConfigError."""
         from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, plot_run
         from liftgate_hil.signals import columns_of
@@ -240,7 +238,7 @@ class _Demo:
         except OSError as error:
             raise ConfigError(f"`output` {self._folder}: demo.png: {error.strerror}") from error
 
-    def _tell(self, shown: Result, event: PinchEvent | None) -> None:
+    def _tell(self, shown: "Result", event: "PinchEvent | None") -> None:
         """Print the ECU's events, unless in real time, the contact with the obstacle, and the picture's path."""
         import numpy as np
 

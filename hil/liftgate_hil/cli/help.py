@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections.abc import Mapping, Sequence
 
 # Subjects of flags, in their order, by the names of their values. A flag that stands under none has the subject of
@@ -41,9 +42,15 @@ class Formatter(argparse.RawDescriptionHelpFormatter):
     """Formatter of help texts with lines as long as the terminal allows, up to `_WIDTH`."""
 
     def __init__(self, prog: str) -> None:
-        import shutil
+        super().__init__(prog, max_help_position=30, width=_width())
 
-        super().__init__(prog, max_help_position=30, width=min(_WIDTH, shutil.get_terminal_size().columns - 2))
+
+@functools.cache  # argparse makes a formatter for each argument
+def _width() -> int:
+    """Return the length of the longest lines of a help text."""
+    import shutil
+
+    return min(_WIDTH, shutil.get_terminal_size().columns - 2)
 
 
 def arrange(parser: argparse.ArgumentParser, examples: Sequence[str], more: str = "") -> None:

@@ -1,6 +1,4 @@
-"""Arguments that several commands share: vehicle, rig, scenario with its parameters, bus or serial port."""
-
-from __future__ import annotations
+"""Arguments that several commands share: vehicle, rig, scenario, bus or serial port, how recordings are read."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -52,6 +50,11 @@ OwnRig = Annotated[AnyRig | None, Field(RIG, "the rig: mapping of bus signals",
     "the scenario's, else liftgate", "NAME|FILE")]
 OwnSeed = Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
     "0", "SEED")]
+# Of recordings that are read.
+RecordingChannel = Annotated[str | None, Field(Text("the name of a bus"),
+    "bus to read if the file contains several: can0", metavar="NAME")]
+TimeZone = Annotated[str | None, Field(Text("a zone such as UTC or Europe/Berlin"),
+    "zone of local times in files: UTC, Asia/Shanghai", "the computer's", "ZONE")]
 Parameters = Annotated[Mapping[str, float] | Sequence[str] | None, Field(NumbersByName(), "replace a parameter of "
     "the scenario (repeatable)", metavar="NAME=VALUE", flag="set-parameter")]
 

@@ -1,7 +1,5 @@
 """Sections [requests], [reset] and [diagnostics] of a rig: an ECU's requests, reset and trouble codes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any

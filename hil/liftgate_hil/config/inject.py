@@ -5,8 +5,6 @@ decide: kinds of faults and requests go by their names, places by a drive, a mes
 signals by `Message.Signal`. So another place is one more line of the database.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -138,7 +136,7 @@ def _order(
 def _labels(
     key: str,
     what: str,
-    signals: Mapping[str, DatabaseSignal | None],
+    signals: "Mapping[str, DatabaseSignal | None]",
     tables: BusTables,
     taken: Sequence[str],
     issues: ConfigIssues,

@@ -1,7 +1,5 @@
 """Tables [messages.*] of a rig file: cycle, timeout and protection of messages."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -111,7 +109,7 @@ def message_options(issues: ConfigIssues, section: Table, messages: Messages) ->
 
 
 def _protection(
-    issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: Message
+    issues: ConfigIssues, key: str, given: MessageTable, raw: Table, message: "Message"
 ) -> MessageOptions:
     """Return a message's counter, checksum, E2E and BRS options, note issues; `raw`: the keys in the file."""
     signals = [each.name for each in message.signals]

@@ -1,7 +1,5 @@
 """Tables `counter` and `checksum` of a message in a rig file: a manufacturer's own protection."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -80,7 +78,7 @@ class CounterTable(Record):
 # fmt: on
 
 
-def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message) -> tuple[str | None, Counting]:
+def counter_table(issues: ConfigIssues, key: str, given: Table, message: "Message") -> tuple[str | None, Counting]:
     """Return a counter's signal (None: invalid) and how it counts; issues are noted under `key` and keys below."""
     before = issues.count
     counter = read_record(issues, key, given, CounterTable)
@@ -108,7 +106,7 @@ def counter_table(issues: ConfigIssues, key: str, given: Table, message: Message
 
 
 def checksum_table(
-    issues: ConfigIssues, key: str, given: Table, message: Message, counter: str | None
+    issues: ConfigIssues, key: str, given: Table, message: "Message", counter: str | None
 ) -> tuple[str | None, Rocksoft | None]:
     """Return a checksum's signal and parameters (None: invalid); issues are noted under `key` and keys below.
 
@@ -146,7 +144,7 @@ def checksum_table(
     return name, Rocksoft(width, own.polynomial, *how, covers, data_ids)
 
 
-def _signal(issues: ConfigIssues, key: str, name: str, message: Message) -> tuple[str | None, int]:
+def _signal(issues: ConfigIssues, key: str, name: str, message: "Message") -> tuple[str | None, int]:
     """Return name and length [bits] of the signal that a table names; None, 0 and an issue if there is none."""
     signals = {each.name: each.length for each in message.signals}
     if name in signals:
@@ -176,7 +174,7 @@ def _own_data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | Non
 class _Frame:
     """A message's frame with the parts that a checksum may cover: payload, identifier, counter, data ID."""
 
-    message: Message
+    message: "Message"
     checksum: str
     counter: str | None
     data_ids: tuple[int, ...]

@@ -1,7 +1,5 @@
 """A rig file: which signal of which database carries which quantity."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Records of the tables of a scenario file, whose fields define its keys, allowed values and meaning."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Annotated, Any

@@ -5,8 +5,6 @@ the conversion from `unit`, if that is given too); `unit` is the unit of the sig
 If none of them does, that is an issue: a quantity in the wrong unit goes unnoticed until the ECU misbehaves.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
@@ -165,7 +163,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 
 
 def _own_labels(
-    issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
+    issues: ConfigIssues, key: str, name: str, theirs: "DatabaseSignal", ours: Signal
 ) -> dict[str, str] | None:
     """Return the database's label for each value name; None: numbers agree, or (an issue) labels are missing."""
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
@@ -191,7 +189,7 @@ def check_values(
     key: str,
     name: str,
     values: Mapping[str, float | str],
-    theirs: DatabaseSignal,
+    theirs: "DatabaseSignal",
     ours: Signal,
 ) -> None:
     """Note an issue for each value that is none of `ours`, does not fit the signal `name`, or occurs twice."""
@@ -229,7 +227,7 @@ def missing_values(mapping: SignalMapping) -> list[str]:
     return [] if mapping.values is None else [label for label in ours.values if label not in mapping.values]
 
 
-def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal) -> float:
+def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: "DatabaseSignal") -> float:
     """Return the physical value of a number, or a label of the signal `theirs`; NaN and an issue for others."""
     if not isinstance(value, str):
         return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
@@ -241,7 +239,7 @@ def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, th
     return math.nan
 
 
-def _holds(theirs: DatabaseSignal, physical: float) -> bool:
+def _holds(theirs: "DatabaseSignal", physical: float) -> bool:
     """Whether a signal can carry exactly this physical value."""
     low, high = physical_range(theirs)
     factor = float(theirs.scale)

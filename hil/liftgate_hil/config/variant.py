@@ -15,8 +15,6 @@ Keys of a drive are drawn for each drive. A draw depends only on its seed and th
 table does not change the rest. Normal and lognormal draws are limited to 3 σ, and every draw to the key's range.
 """
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

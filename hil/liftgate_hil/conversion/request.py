@@ -1,13 +1,11 @@
 """Requests (arguments) of the commands convert, compare and plot; shared arguments are described once."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from liftgate_hil.config.choices import VehicleSettings
+from liftgate_hil.config.choices import RecordingChannel, TimeZone, VehicleSettings
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Names, Number, Text
 from liftgate_hil.config.toml import show
@@ -70,10 +68,6 @@ def tolerance_in(text: str) -> tuple[str, float]:
 # fmt: off
 Rig = Annotated[str | None, Field(Text("a rig's name, or a file"),
     "a rig, or its database: decodes the frames into signals", metavar="NAME|FILE")]
-RecordingChannel = Annotated[str | None, Field(Text("the name of a bus"),
-    "bus to read if the file contains several: can0", metavar="NAME")]
-TimeZone = Annotated[str | None, Field(Text("a zone such as UTC or Europe/Berlin"),
-    "zone of local times in files: UTC, Asia/Shanghai", "the computer's", "ZONE")]
 From = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "start at this time", "the recording's start", "S",
     flag="from")]
 To = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "end at this time", "the recording's end", "S",

@@ -1,13 +1,11 @@
 """Requests of a dashboard page: as part of a run, or as a command of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
+from liftgate_hil.config.choices import RecordingChannel, TimeZone
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import File, Flag, Number, Text, Whole
-from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError
 
 LISTEN = "127.0.0.1:8765"

@@ -1,7 +1,5 @@
 """Request to examine whether this machine is fit for real-time runs."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from liftgate_hil.config.described import Field, Record

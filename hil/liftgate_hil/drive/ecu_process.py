@@ -49,7 +49,7 @@ def execute_with_process(plan: Plan, ecu_serial: str | None, stopped: Callable[[
         machine_code(Adapter(plan.rig, plan.setup.vehicle.drives))
     relay = Relay(plan.job.listener)  # so that attached clients get the events of the ECU's process, too
     job = plan.job.asking(ecu=ON_A_BUS)
-    job = replace(job, ecu_elsewhere=plan.job.request.ecu, is_isolated=False, listener=relay)
+    job = job._replace(ecu_elsewhere=plan.job.request.ecu, is_isolated=False, listener=relay)
     varied = plan.varied(job)
     with _ecu_process(plan, ecu_serial, relay) as child:
         result = execute(varied, lambda: stopped() or child.has_ended())

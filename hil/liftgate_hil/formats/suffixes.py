@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
     from liftgate_hil.formats.writer import Writer
 
 
-@dataclass(frozen=True)
-class Limit:
+class Limit(NamedTuple):
     """Limit on a recording's files: the size of each, and how many are kept."""
 
     size: int  # bytes

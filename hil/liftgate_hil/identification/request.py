@@ -1,7 +1,5 @@
 """Requests of `identify`, of its planning of experiments, and of `validate`."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
@@ -9,11 +7,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from liftgate_hil.config.choices import VehicleChoice
+from liftgate_hil.config.choices import RecordingChannel, TimeZone, VehicleChoice
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, Texts, Whole
 from liftgate_hil.config.toml import show
-from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS

@@ -1,7 +1,5 @@
 """Column map (`maps`): which column of a foreign file is which known column, and in what unit."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Base class of the requests that read measurements whose columns may have other names."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated
 

@@ -4,14 +4,11 @@ Flags of the command line with their help, arguments of `liftgate_hil.run`, and 
 job is such a request with what surrounds it in this process.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, Self
 
 from liftgate_hil.config.choices import SCENARIO, AnyScenario, OwnRig, SetupChoice, VehicleChoice, WireChoice
 from liftgate_hil.config.described import Field, Record, value_of
@@ -178,8 +175,7 @@ def check_cpu(cpu: int | None) -> None:
 PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process alone
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(NamedTuple):
     """Requested run, in plain values where possible, so that another process can receive it."""
 
     request: RunRequest
@@ -188,9 +184,9 @@ class Job:
     ecu_elsewhere: Any = None  # the ECU on the bus, if this program runs it in another process
     mutant: str = ""  # name of a mutant of the reference ECU, see ecu/mutants.py
     is_isolated: bool = False  # run in a process of its own, as C libraries always are
-    listener: Listener = field(default_factory=Listener)
+    listener: Listener = Listener()
     attachable_as: int | None = None  # process that clients may attach to; None: they may not
-    exit_codes: Mapping[str, int] = field(default_factory=dict)  # of the command, by verdict; told to clients
+    exit_codes: Mapping[str, int] = {}  # of the command, by verdict; told to clients
     gives_up_late: bool = False  # end a run at the first lateness after which its verdicts are not all known
     is_summarized: bool = False  # keep trace summaries for pictures of the expectations
 
@@ -199,6 +195,6 @@ class Job:
         """Whether the run is an episode: in compiled code, with the ECU in this process, as fast as possible."""
         return self.request.clock == "free" and self.request.ecu != ON_A_BUS
 
-    def asking(self, **values: Any) -> Job:
+    def asking(self, **values: Any) -> Self:
         """Return a copy of the job with changed values in its request."""
-        return replace(self, request=self.request.replaced(**values))
+        return self._replace(request=self.request.replaced(**values))

@@ -1,15 +1,12 @@
 """Request of `replay`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from liftgate_hil.config.choices import WireChoice
+from liftgate_hil.config.choices import RecordingChannel, TimeZone, WireChoice
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Whole
-from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES
 from liftgate_hil.plan.request import AskForRealtime

@@ -282,14 +282,14 @@ def mutate(
     """
     cases = [outcome.case for outcome in sound]
     # Without recordings and trace summaries: the runs yield verdicts only.
-    cases = [_varied(case, replace(case.job.asking(record=()), is_summarized=False)) for case in cases]
+    cases = [_varied(case, case.job.asking(record=())._replace(is_summarized=False)) for case in cases]
     matrix = Matrix(cases)
     for outcome in sound:
         matrix.add(SOUND, outcome)
     names = (*MUTANTS, NO_ECU)
     done, count = 0, len(names) * len(cases)
     for mutant in names:
-        mutated = [_varied(case, replace(case.job, mutant=mutant)) for case in cases]
+        mutated = [_varied(case, case.job._replace(mutant=mutant)) for case in cases]
         if mutant == NO_ECU:
             mutated = [_unasked(case) for case in mutated]
         for outcome in run_suite(mutated, jobs, stopped):

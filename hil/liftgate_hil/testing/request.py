@@ -1,7 +1,5 @@
 """Requests of `judge` and of `test`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -15,12 +13,13 @@ from liftgate_hil.config.choices import (
     OwnSeed,
     OwnVehicle,
     ParametersChoice,
+    RecordingChannel,
+    TimeZone,
     VehicleSettings,
     WireChoice,
 )
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Whole
-from liftgate_hil.conversion.request import RecordingChannel, TimeZone
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS

@@ -81,7 +81,7 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
     plan, job = case.plan, case.job
     assert isinstance(plan, Plan)
     if is_foreign(job.request.ecu):
-        plan = plan.varied(replace(job, is_isolated=True))
+        plan = plan.varied(job._replace(is_isolated=True))
     result, reason = None, ""
     try:
         result = execute(plan, stopped)

@@ -1,7 +1,5 @@
 """Records of described fields: validation, equality, and the signatures of commands that take them."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 from typing import Annotated, Any
