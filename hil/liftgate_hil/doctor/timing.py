@@ -136,8 +136,8 @@ def stolen(shares: dict[str, float]) -> Check:
     return judged("stolen time", found, "give this virtual machine CPUs of its own, or use a real machine")
 
 
-def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
-    """Return the highest of RATES [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
+def recommended(lateness: Quantiles, tick: Quantiles | None, wanted: float = RATES[0]) -> float:
+    """Return the highest rate [Hz], of RATES or `wanted`, at which under 1 wake-up in 1000 skips ticks; 0: none.
 
     A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that
     a tick takes have to fit into a period.
@@ -146,7 +146,7 @@ def recommended(lateness: Quantiles, tick: Quantiles | None) -> int:
         return 0
     cost = tick.p99_us + BUS_COST if tick is not None and tick.count else TICK_COST
     needed = lateness.p999_us + cost
-    return next((rate for rate in RATES if needed <= 1e6 / rate), 0)
+    return max((rate for rate in (*RATES, wanted) if needed <= 1e6 / rate), default=0)
 
 
 def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
@@ -184,14 +184,14 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, prob
 
     if not modes:
         return Check("verdict", "problem", "not fit for real time", "fix the problems above")
-    rates = {mode: recommended(each.lateness, tick) for mode, each in modes.items()}
+    rates = {mode: recommended(each.lateness, tick, rate) for mode, each in modes.items()}
     # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
     late = modes[best].lateness.p99_us
-    reach = {mode: f"up to {rates[mode]} Hz" if rates[mode] else "at no rate" for mode in modes}
+    reach = {mode: f"up to {rates[mode]:g} Hz" if rates[mode] else "at no rate" for mode in modes}
     others = [f"{mode}: {text}" for mode, text in reach.items() if mode != best]
     without = " --no-realtime" if best == WITHOUT and len(modes) > 1 else ""
-    found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
+    found = f"for up to {rates[best]:g} Hz {best}{f' ({others[0]})' if others else ''}"
     force = f"a command {late:.0f} µs late (p99) adds {force_of(late):.2f} N of pinch force on a 10 N/mm rod"
     quieter = "end other programs, isolate a CPU, follow the advice above"
     missed, percent = modes[best].missed_share, 100.0 * modes[best].missed_share
@@ -207,8 +207,8 @@ def verdict(rate: float, modes: dict[str, Wakeups], tick: Quantiles | None, prob
     elif rates[best] < rate:
         late_ms = 1e-3 * modes[best].lateness.p999_us
         level = "warning"
-        text = f"fit {found}, but not {rate:g} Hz: p99.9 of the lateness is {late_ms:.2g} ms, more than a period"
-        advice = f"use --rate {rates[best]}{without}, or {quieter}"
+        text = f"fit {found}, but not {rate:g} Hz: lateness (p99.9: {late_ms:.2g} ms) and tick exceed a period"
+        advice = f"use --rate {rates[best]:g}{without}, or {quieter}"
     elif missed > FEW:
         text = f"fit {found}, but {percent:.2f} % of periods were missed at {rate:g} Hz"
         level, advice = "warning", quieter

@@ -56,6 +56,12 @@ def test_a_rate_above_the_recommended_one_is_a_warning():
     assert "--rate 1000 --no-realtime," in both.advice  # what a run requests by itself is not fit here
 
 
+def test_a_requested_rate_between_the_recommended_ones_is_judged_itself():
+    check = timing.verdict(800.0, {WITHOUT: wakeups(1100.0)}, CHEAP, 0)
+    assert check.level == "ok"
+    assert check.found.startswith("fit for up to 800 Hz without FIFO scheduling")
+
+
 def test_missed_periods_at_the_requested_rate_are_a_warning():
     check = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, missed=25)}, CHEAP, 0)
     assert check.level == "warning"
