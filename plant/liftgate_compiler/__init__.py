@@ -110,7 +110,7 @@ class Entry:
 
     @property
     def kinds(self) -> list[tuple[Kind, ...]]:
-        """Combinations of argument kinds for which there is machine code."""
+        """Combinations of argument kinds for which this process has loaded machine code."""
         return list(self._all)
 
     def is_ready_for(self, *arguments: Any) -> bool:

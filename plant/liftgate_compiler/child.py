@@ -147,7 +147,7 @@ os.register_at_fork(after_in_child=_Kept.taken)
 
 
 def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
-    """Return the result of `building.make_here`, made in a separate process.
+    """Return the result of `building.make_here` from a separate process; None where only this one can compile.
 
     Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
     raise.
@@ -176,7 +176,7 @@ def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
 
 
 def main() -> int:
-    """Run the compiler's process: answer requests until its input ends."""
+    """Run the compiler's process: answer requests until its input ends, then end the process itself."""
     ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # ends with its parent, as nobody waits then
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb", buffering=0)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -29,7 +29,7 @@ _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EI
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file against other processes until all its descriptors are closed; return whether it worked.
+    """Lock an open file against other processes; False: no locks here. Raises BlockingIOError if one holds it.
 
     False: nobody can tell, as on file systems without locks (ENOSYS, ENOLCK of Lustre, EOPNOTSUPP of some network
     file systems). Raises BlockingIOError where another process has locked it.
@@ -119,7 +119,7 @@ def _place_of(path: Path) -> Path:
 
 
 class _HalfCopiedError(OSError):
-    """Raised if a file was replaced only in part; the whole content stays in the named temporary file."""
+    """Raised if a file was replaced only in part; a temporary file with a name keeps the whole content."""
 
 
 @contextlib.contextmanager
@@ -155,7 +155,7 @@ def _created(place: Path, mode: int | None) -> tuple[int, Path]:
 
 
 def _is_held(descriptor: int) -> bool:
-    """Lock a temporary file; return whether it is locked and still exists, not removed by `remove_leftovers`."""
+    """Lock a temporary file, if possible; False: `remove_leftovers` elsewhere has locked or removed it."""
     try:
         lock(descriptor)
     except BlockingIOError:

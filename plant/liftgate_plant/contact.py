@@ -29,7 +29,7 @@ class LinearizedForce(NamedTuple):
 
 @compilable
 def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
-    """Return a contact's force [N] for a penetration `depth` [m] and its `rate` [m/s]."""
+    """Return a contact's force [N] at a penetration `depth` [m] and its `rate` [m/s]; 0 apart, never negative."""
     if depth <= 0.0:
         return 0.0
     return max(0.0, stiffness * depth + damping * rate)

@@ -105,7 +105,7 @@ def part_of(path: CurrentPath, begin: float, end: float, step: float) -> Current
 
 @compilable
 def effective(path: CurrentPath, step: float) -> float:
-    """Return the root mean square [A] of a current over the step.
+    """Return the root mean square [A] of a current over the step, the ripple of the PWM included.
 
     Of p + q s + D e^(−c s) over s from 0 to 1: p² + p q + q²/3 + 2 D (p φ1 + q (φ1 − φ2)) + D² φ1(−2c).
     """
@@ -128,7 +128,7 @@ def effective(path: CurrentPath, step: float) -> float:
 
 @compilable
 def peak(path: CurrentPath, step: float) -> float:
-    """Return a current's value [A] furthest from zero during the step, with its sign."""
+    """Return a current's value [A] furthest from zero in the step, ripple included, with its sign."""
     most, least = max(path.start, path.end), min(path.start, path.end)
     if abs(path.amplitude) > _SEEN:
         fall = path.decay * step

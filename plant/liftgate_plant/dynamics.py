@@ -135,7 +135,7 @@ class State(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Effects of the surroundings during a step, as means over it, in SI units; temperature in °C."""
+    """Surroundings, supply, latch drives and user in a step, as means over it, in SI units; temperature in °C."""
 
     supply_voltage: float
     supply_rise: float  # V, from the step's start to its end; the winding follows within microseconds

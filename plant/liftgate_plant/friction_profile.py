@@ -77,7 +77,7 @@ def places_of(vehicle: Vehicle, travel: float) -> int:
 
 
 def is_the_law(vehicle: Vehicle) -> bool:
-    """Whether friction is nominal everywhere on the travel, in every run and at every age."""
+    """Whether a vehicle's friction is nominal everywhere on its travel, in every run, at its `cycles` so far."""
     laws = (vehicle.left.friction, vehicle.right.friction)
     return all(
         not each.position_table
@@ -137,7 +137,7 @@ def _over_travel(
 
 
 def _random(places: NDArray[np.float64], number: int, drive: int) -> NDArray[np.float64]:
-    """Return a normal random profile of unit variance, at `places` given in correlation lengths.
+    """Return a normally distributed profile of unit variance, a hash, at `places` given in correlation lengths.
 
     It is the same whichever places are requested: random numbers at equal distances are filtered with a Gaussian
     kernel e^(−2 d²), so that the result has the autocorrelation e^(−d²).

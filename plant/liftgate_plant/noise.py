@@ -24,7 +24,7 @@ def mix(x: int) -> int:
 
 @compilable
 def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
-    """Return normally distributed noise of a standard deviation; 0.0 for a deviation of 0."""
+    """Return normal noise of a standard deviation, a pure hash of the other arguments; 0.0 for a deviation 0."""
     if deviation == 0.0:
         return 0.0
     return deviation * gaussian(seed, tick, channel)
@@ -38,13 +38,13 @@ def key_of(seed: int, number: int, channel: int) -> int:
 
 @compilable
 def uniform(seed: int, number: int, channel: int) -> float:
-    """Return a random number uniformly distributed between 0 and 1."""
+    """Return a number uniformly distributed between 0 and 1: a pure hash of seed, number and channel."""
     return (mix(key_of(seed, number, channel)) + 0.5) / 4294967296.0
 
 
 @outlined
 def gaussian(seed: int, number: int, channel: int) -> float:
-    """Return a standard normal random number."""
+    """Return a standard normally distributed number: a pure hash of seed, number and channel."""
     key = key_of(seed, number, channel)
     u = (mix(key) + 1.0) / 4294967296.0
     v = mix(key ^ 0x5BF03635) / 4294967296.0

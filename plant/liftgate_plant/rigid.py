@@ -109,7 +109,7 @@ def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: flo
 
 @compilable
 def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: int) -> tuple[State, Flow]:
-    """Return the state `step` seconds later by the thesis's model of `order` 3 or 2, and the currents' course.
+    """Return the state a step later by the thesis's model of `order` 3 or 2, gate as before, and currents' course.
 
     The inputs hold during the step.
     """
@@ -195,7 +195,7 @@ def next_motor(
 
 @compilable
 def rigid_start(state: State) -> State:
-    """Return the state with rigidly coupled gate and drives, by the left drive's speed and position."""
+    """Return the state with the right drive's speed and position as the left's, without twist; same gate angle."""
     left, right = state.left, state.right
     return State(
         left,

@@ -281,7 +281,7 @@ def tick_of(sensors: Sensors, seed: int, number: int, step: float) -> Tick:
 def read_drives(
     sensors: Sensors, faults: Faults, plant: Plant, view: View, memory: SensorState, when: Tick
 ) -> None:
-    """Read the current sensors and Hall encoders of both drives; `memory` is written in place."""
+    """Read both drives' current sensors and Hall encoders into `memory`, in place."""
     encoder, inputs = encoder_of(sensors), view.inputs
     currents, halls = memory.currents, memory.halls
     for drive in range(len(halls)):  # not unrolled, as the body would be compiled once per drive

@@ -117,7 +117,7 @@ def force_of(drive: Drive, torque: float, nominal: float, along: float, speed: f
 def drives_torque(
     rest: Rest, torques: tuple[float, float], angle: float, along: float, speed: float = 0.0
 ) -> float:
-    """Return the torque [N m] of both drives on the gate at an angle [rad], for given motor torques [N m]."""
+    """Return both drives' torque [N m] on the gate for motor torques [N m], with friction against `along`."""
     own = frictions(rest, angle)
     left, right = torques
     force = force_of(rest.plant.left, left, own.left, along, speed)

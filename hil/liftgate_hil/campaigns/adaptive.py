@@ -86,7 +86,7 @@ def drive(
 
 
 class Worst(NamedTuple):
-    """Result of a search for the smallest margin, with as many random draws for comparison."""
+    """Result of a search for the smallest margin, with random draws, as many as its budget, for comparison."""
 
     end: SearchEnd
     search: list[Evaluated]
@@ -100,7 +100,7 @@ class Worst(NamedTuple):
 
 
 def search_worst(campaign: Campaign, space: Space, expectation: str, budget: int, seed: int) -> Worst:
-    """Search for the smallest margin in `budget` evaluations, then evaluate `budget` random variants as well."""
+    """Search for the smallest margin in at most `budget` evaluations, then evaluate `budget` random variants."""
     evaluations = Evaluations(campaign, expectation)
     campaign.progress.count = 2 * budget
     end = drive(worst_search(space.levels, budget, seed), space.values, evaluations)
@@ -151,7 +151,7 @@ def share_below(points: Floats) -> Floats:
 
 
 def pockets_of(failing: Floats) -> Floats:
-    """Return at most MOST_POCKETS failing points (k, d), nearest the origin first, each in another direction."""
+    """Return at most MOST_POCKETS of failing points (n, d), nearest the origin first, in different directions."""
     distances = np.linalg.norm(failing, axis=1)
     kept: list[Any] = []
     for place in np.argsort(distances, kind="stable"):

@@ -31,7 +31,7 @@ class CampaignStoppedError(Exception):
 
 @dataclass
 class CampaignProgress:
-    """Progress of a campaign: numbers of variants in all, done, found in the store, and retried."""
+    """Progress of a campaign: numbers of variants in all, done, of these found in the store, and retried."""
 
     count: int  # variants in all; 0: not known
     done: int = 0  # of these, those from before a resumption included
@@ -93,7 +93,7 @@ class Campaign:
         yield from self.tables(batches[place:])
 
     def _evaluating(self, batches: list[Batch]) -> Iterator[set[str]]:
-        """Evaluate missing batches; yield names: those stored, then each new one. Raises CampaignStoppedError."""
+        """Evaluate missing batches; yield sets of names: those stored, each new. Raises CampaignStoppedError."""
         there = self.store.names()
         missing = [each for each in batches if each.name not in there]
         before = sum(each.count for each in batches) - sum(each.count for each in missing)

@@ -97,7 +97,7 @@ class CampaignResult(DescribedResult):
     @property
     def campaigns(self) -> Annotated[tuple[CampaignFigures, ...], Shown("figures of the campaign, or of each "
         "part")]:
-        """Statistics of the campaign, or of each part."""
+        """Statistics of each campaign: of the only one, or of each part of a campaign file."""
         return tuple(each.figures for each in self.outcomes)
 
 

@@ -61,7 +61,7 @@ class CampaignFile:
 
 
 def is_campaign_file(name: str) -> bool:
-    """Whether a name is that of a shipped campaign, or of a TOML file with [[part]]."""
+    """Whether a name begins with `pack:`, is a shipped campaign's, or is a TOML file's that has [[part]]."""
     if name.startswith(PACK) or _lacks_pack_prefix(name):  # the latter is refused with the whole name
         return True
     path = Path(name)

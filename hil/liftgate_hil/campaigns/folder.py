@@ -56,7 +56,7 @@ class Folder:
         self._before: list[str] = []  # tokens of campaigns that ran here, and have ended
 
     def create(self) -> None:
-        """Create the folder. Raises ConfigError."""
+        """Create the folder, if it is not there. Raises ConfigError where that fails."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -43,7 +43,7 @@ class Prepared:
 
 
 def prepared(request: CampaignRequest) -> Prepared:
-    """Load the files of a campaign's request, and check it. Raises ConfigError with all issues."""
+    """Load and check all that a campaign's request names: files, ECUs, varied values. Raises ConfigError."""
     job = _job_of(request)
     plan = plan_of(job)
     if plan.ticks is None:
@@ -84,7 +84,7 @@ def inputs_of(found: Prepared) -> list[Path]:
 
 
 def check_expectation(request: CampaignRequest, base: Base, expectations: Mapping[str, Expectation]) -> None:
-    """Raise ConfigError where a search or estimate lacks its expectation, a margin, `vary` or evaluations."""
+    """Raise ConfigError where a search or estimate has a wrong expectation, no `vary` or too few evaluations."""
     if request.expectation not in base.expectations:
         known = ", ".join(base.expectations) or "none, the scenario has no [[expect]]"
         raise ConfigError(f"`{request.kind}` {request.expectation}: allowed: {known}")

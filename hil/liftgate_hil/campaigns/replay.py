@@ -35,7 +35,7 @@ def replayed(
     record: Sequence[Path] = (),
     listener: Listener = Listener(),  # noqa: B008  # it holds nothing
 ) -> Replayed:
-    """Run a variant of the campaign in `path` again, record it, and compare the results. Raises ConfigError."""
+    """Run a variant of the campaign in `path` again, record it in files `record`, compare. Raises ConfigError."""
     folder = Folder(path)
     found = prepared(folder.request())
     if wrong := differences(folder.manifest(), found):

@@ -106,7 +106,7 @@ NOBODY = CampaignWatcher()
 def run_campaign(
     request: CampaignRequest, places: CampaignPlaces, provenance: Provenance, watcher: CampaignWatcher = NOBODY
 ) -> CampaignOutcome:
-    """Run a campaign, or resume one, and write its files.
+    """Run a campaign, or resume one, write its files, and return the outcome.
 
     Raises ConfigError, StoreError, LiftgateError where no worker can run. The outcome of a stop is not complete.
     """
@@ -141,7 +141,7 @@ def _run(
     provenance: Provenance,
     watcher: CampaignWatcher,
 ) -> CampaignOutcome:
-    """Run a campaign in its folder, which is locked, and write its files."""
+    """Run a campaign in its folder, which the caller has locked; write its files, and return the outcome."""
     store = Store(places.store or str(folder.path / BATCHES), folder.token)
     store.create()
     began = time.monotonic()

@@ -165,7 +165,7 @@ def tried(found: Prepared) -> float:
 
 
 def _check(evaluator: Evaluator, space: Space) -> list[float]:
-    """Return the values of a valid variant, the middle if possible; check grid values too. Raises ConfigError."""
+    """Return the values of a valid variant, the middle if possible; check some grid values. Raises ConfigError."""
     dimensions = len(space.targets)
     shares = np.vstack([np.full((1, dimensions), 0.5), shares_of(dimensions, _POINTS, "sobol", 0)])
     points: list[list[float]] = space.values(shares)[: _POINTS if dimensions else 1].tolist()
@@ -193,7 +193,8 @@ def _issue_of(evaluator: Evaluator, values: list[float]) -> str:
     except ConfigError as error:
         issue = error.issues[0]
         # Of a parameter, the file's own words: nobody has given it by its name here.
-        return issue.partition(", as ")[2] if issue.startswith("`parameters`") else issue
+        own = issue.partition(", as ")[2] or issue.partition(": ")[2]
+        return own if issue.startswith("`parameters`") else issue
     return ""
 
 

@@ -66,7 +66,7 @@ class Store:
         self._is_remote = "://" in address
 
     def create(self) -> None:
-        """Create the folder. Raises ConfigError."""
+        """Create the folder, if it is not there. Raises ConfigError where that fails."""
         try:
             if self._is_remote:
                 fs, path = self._remote()

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `campaign` and return its exit code."""
+    """Run the subcommand `campaign` (many variants of a scenario, or one again) and return its exit code."""
     # Before numpy is loaded: on busy CPUs, threads of the BLAS make a search of small matrices 15 times slower.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaigns.command import campaigned

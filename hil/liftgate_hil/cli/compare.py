@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `compare` and return its exit code."""
+    """Run the subcommand `compare` on two recordings and return its exit code; 0: equal, 1: different."""
     request = call.request(CompareRequest)
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.compare import compared

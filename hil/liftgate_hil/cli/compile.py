@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `compile` and return its exit code."""
+    """Run the subcommand `compile` (fill the cache with all machine code) and return its exit code."""
     import liftgate_compiler as compiler
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.terminal.teller import Teller

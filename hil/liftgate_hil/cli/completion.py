@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `completion` and return its exit code."""
+    """Run the subcommand `completion` (print a shell's completion script) and return its exit code."""
     print(script(call.values["shell"]))
     return 0
 

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `convert` and return its exit code."""
+    """Run the subcommand `convert` (a recording to another format) and return its exit code."""
     stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.convert import converted

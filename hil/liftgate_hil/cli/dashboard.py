@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `dashboard` and return its exit code."""
+    """Run the subcommand `dashboard` (serve the operator's page until stopped) and return its exit code."""
     serve_page(call.request(DashboardRequest))
     return 0
 

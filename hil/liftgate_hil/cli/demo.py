@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `demo` and return its exit code."""
+    """Run the subcommand `demo` (the gate meets an obstacle, its ECU reverses it) and return its exit code."""
     stopped = StopSignals()
     request = call.request(RunRequest)
     is_whole = request.scenario in (None, "demo") and request.duration is None

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `doctor` and return its exit code."""
+    """Run the subcommand `doctor` (is this machine fit for real time?) and return its exit code; 1: it is not."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.doctor.examination import DoctorReport, Examination
 

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `ecu` and return its exit code."""
+    """Run the subcommand `ecu` (the reference ECU, or another, alone on a bus) and return its exit code."""
     from liftgate_hil.ecu.find import is_foreign, is_library
 
     request = call.request(EcuRequest)

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `identify` and return its exit code."""
+    """Run the subcommand `identify` (estimate parameters, or rank experiments) and return its exit code."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
 

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `init` and return its exit code."""
+    """Run the subcommand `init` (create a folder of files to start from) and return its exit code."""
     from liftgate_hil.config.starter import create_starter
 
     folder = str(call.values["folder"])

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `judge` and return its exit code."""
+    """Run the subcommand `judge` (verdicts again, from recordings) and return its exit code, by the verdict."""
     stop = StopSignals()
     from liftgate_hil.cli.terminal.suite_teller import JudgeTeller, summary_of
     from liftgate_hil.cli.terminal.teller import Teller

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `list` and return its exit code. Raises ConfigError."""
+    """Run the subcommand `list` (print what is shipped) and return its exit code. Raises ConfigError."""
     from liftgate_hil.config.shipped import Shipped, shipped_list
     from liftgate_hil.ecu.mutants import MUTANTS
     from liftgate_hil.ecu.names import REFERENCE

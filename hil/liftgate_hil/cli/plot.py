@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `plot` and return its exit code."""
+    """Run the subcommand `plot` (a picture of a recording or of a vehicle) and return its exit code."""
     request = call.request(PlotRequest)
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.conversion.plot import plotted

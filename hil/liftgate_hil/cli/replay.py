@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `replay` and return its exit code."""
+    """Run the subcommand `replay` (a recording's frames onto a bus) and return its exit code."""
     stopped = StopSignals()
     from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.terminal.teller import Teller

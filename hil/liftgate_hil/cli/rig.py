@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the action `check` or `draft` and return the exit code."""
+    """Run `rig check` (what a rig maps, if it fits) or `rig draft` (a first rig) and return the exit code."""
     if call.values["action"] == "draft":
         _draft(call.values["database"], call.values["output"])
     else:

@@ -42,7 +42,7 @@ def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `run` and return its exit code."""
+    """Run the subcommand `run` (the gate, by default on a bus in real time) and return its exit code."""
     shown = ShownRun(call, StopSignals(), RUN_EXIT_CODES)
     request = call.request(RunRequest)
     page = call.request(RunPage)
@@ -55,7 +55,7 @@ def run(call: Call) -> int:
 
 
 class ShownRun(NamedTuple):
-    """Context of a run by `run` or `demo`: its call, its stop signals and exit codes; prints its result."""
+    """Call, stop signals and exit codes of a run by `run` or `demo`; its methods run it and print the result."""
 
     call: Call
     stopped: StopSignals

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `simulate` and return its exit code."""
+    """Run the subcommand `simulate` (the plant alone, offline, to a table) and return its exit code."""
     stopped = StopSignals()  # stops between two blocks; what has been simulated is written
     from liftgate_compiler import GivenUpError
     from liftgate_hil.cli.terminal.progress import ProgressDisplay

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `test` and return its exit code."""
+    """Run the subcommand `test` (run and judge scenario files, report) and return its exit code, by verdict."""
     stop = StopSignals()
     from liftgate_hil.cli.terminal.suite_teller import SuiteTeller, summary_of
     from liftgate_hil.cli.terminal.teller import Teller

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(call: Call) -> int:
-    """Run the subcommand `validate` and return its exit code."""
+    """Run the subcommand `validate` (a vehicle's model against measurements) and return its exit code."""
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
     from liftgate_hil.identification.commands import validation_of, write_validation

@@ -322,7 +322,7 @@ def note_stale_time(bus: BusConfig, reception: Reception) -> None:
 
 @compilable
 def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
-    """Reset the timed-out messages' quantities to NaN, counters and E2E states to unknown; return their number."""
+    """Reset timed-out messages: quantities to NaN, counters, E2E states to unknown; return how many messages."""
     if now_ns < reception.stale_ns[0]:
         return 0
     stale = 0

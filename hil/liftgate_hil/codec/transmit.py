@@ -105,7 +105,7 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
 
 @compilable
 def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
-    """Whether a message is to be sent now: with `everything`, or if one is due and the gate not silent."""
+    """Whether any message must be sent: always with `everything`, else if one is due and the gate not silent."""
     return everything or (not is_silent and now_ns >= transmission.next_ns[0])
 
 
@@ -126,7 +126,7 @@ def times_sent(bus: BusConfig, transmission: Transmission, message: int, quantit
 
 @compilable
 def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
-    """Encode messages due by `now_ns`, with `everything` all pages of all; advance sent counts and due times.
+    """Encode and return messages due by `now_ns`, with `everything` all pages of all; advance counts and times.
 
     The result is valid until the next call. A message of cycle T is due at every whole multiple of T, so that the
     average cycle is kept at any tick rate. A message without any known quantity is not sent.

@@ -63,7 +63,7 @@ def bus_faults_in(
 
 
 def _identifier(fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues) -> int:
-    """Return the identifier that a fault affects or a babbler sends; EVERY: all, or, with an issue, invalid."""
+    """Return the identifier that a fault affects or a babbler sends; EVERY: all, or none fits (an issue)."""
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)
         return identifier | (EXTENDED if identifier > _STANDARD else 0)

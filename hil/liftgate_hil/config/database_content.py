@@ -180,7 +180,7 @@ def content_of(written: str, kind: str) -> Mapping[str, Messages]:
 
 
 def _remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return a text's messages whose signals fit without overlap; `is_plain`: first try it as a whole."""
+    """Return a text's `Remains`, messages with overlapping or misfit signals left out; `is_plain`: first whole."""
     if is_plain:
         with contextlib.suppress(Exception):
             return Remains(load_text(written, kind, is_strict=True))
@@ -194,7 +194,7 @@ def _remains(written: str, kind: str, is_plain: bool) -> Remains:
 
 
 def _loose_remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return the same as `_remains`, including messages whose signals overlap or do not fit."""
+    """Return the same as `_remains`, but with messages whose signals overlap or do not fit not left out."""
     if is_plain:
         try:
             return Remains(load_text(written, kind))

@@ -227,7 +227,7 @@ def dbc_remains(written: str) -> Remains:
 
 
 def _understood(statements: Sequence[Statement], remains: Remains) -> Iterator[Statement]:
-    """Yield the statements that conform to the DBC grammar; note the others in `remains`."""
+    """Yield the statements that matter and conform to the DBC grammar; note faulty ones in `remains`."""
     names = {each.number: each.name for each in statements if each.keyword == "BO_"}
     asked = [each for each in statements if each.keyword not in _NO_MATTER]
     faults = {each: why for each in asked if (why := _plain_fault(each))}

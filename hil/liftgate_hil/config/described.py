@@ -285,7 +285,7 @@ def read_record(issues: ConfigIssues, prefix: str, given: Table, record: type[Re
 
 
 def read_values(issues: ConfigIssues, prefix: str, given: Table, fields: Sequence[Field]) -> dict[str, Any]:
-    """Return values or defaults by key; unknown keys, missing and `invalid` values are issues."""
+    """Return values, defaults or, where missing or wrong, `invalid`, by key; these and unknown keys are issues."""
     known_keys(issues, prefix, given, [each.name for each in fields])
     found: dict[str, Any] = {}
     for each in fields:

@@ -156,7 +156,7 @@ class _Identifier(OfKind[str | int]):
     invalid = -1
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
-        """Return the message name or the CAN identifier; -1 and an issue if the value is neither."""
+        """Return a text, taken as a message name, or a CAN identifier; -1 and an issue if the value is neither."""
         is_valid = isinstance(value, str) or is_whole(value, 0, _LAST)
         return value if is_valid else self.refused(issues, key, value)
 
@@ -199,7 +199,7 @@ class DiagnosticsTable(Record):
 def diagnostics_of(
     issues: ConfigIssues, section: Table | None, messages: Messages, mapped: Mapping[int, str]
 ) -> Diagnostics | None:
-    """Return the diagnostics of a rig; None if it has no such table. Issues are noted.
+    """Return a rig's settings for diagnostics; None if it has no such table. Issues are noted.
 
     `mapped` are the messages with quantities by their identifiers; diagnostics need other identifiers.
     """

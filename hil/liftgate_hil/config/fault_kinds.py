@@ -69,7 +69,7 @@ def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Seq
 
 
 def _gain(values: Values, side: str) -> Sequence[Edit]:
-    """Return the edits of a gain fault; earlier offsets are scaled, too, as faults act on the reading in turn."""
+    """Return the edits of a current sensor's gain fault, which also scale the offset of earlier faults."""
     offset = Edit(f"faults.{side}.current.offset", SCALE, float(values["factor"]))
     return [*_current("gain", SCALE, "factor")(values, side), offset]
 

@@ -238,7 +238,7 @@ class Loaded(OfKind[Any]):
         self._classes = classes
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """Return the value unchanged; "" and an issue if it is neither name, file nor such an object."""
+        """Return a text, a path or an object of these classes unchanged; "" and an issue for any other value."""
         is_valid = _is_named(value) or type(value).__name__ in self._classes
         return value if is_valid else self.refused(issues, key, value)
 
@@ -270,12 +270,12 @@ class NumbersByName(OfKind[dict[str, float]]):
 
 
 class NumberOr(OfKind[None]):
-    """Kind of value: a number, or one word; `allowed` is what messages call it."""
+    """Kind of value: a number, or a text that another reader validates; `allowed` is what messages call it."""
 
     invalid = None
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str | None:
-        """Return the number or the word; None and an issue if the value is neither."""
+        """Return the number or the text, of whatever words; None and an issue if the value is neither."""
         return value if isinstance(value, str) or is_number(value) else self.refused(issues, key, value)
 
 
@@ -300,7 +300,7 @@ class Subtable(OfKind[Table]):
 
 
 def _is_named(value: object) -> bool:
-    """Whether a value is the name or path of a file."""
+    """Whether a value may be the name or path of a file: a text or path that is not empty."""
     return isinstance(value, str | os.PathLike) and bool(os.fspath(value))
 
 

@@ -196,7 +196,7 @@ def load_rig(path: Path) -> Rig:
 
 
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
-    """Read a rig file; return the rig, as far as it can be read, and its issues.
+    """Read a rig file; return the rig, as far as readable, and its issues. Raises ConfigError if it is no rig.
 
     Raises ConfigError if the file is not TOML, e.g. a database, or one of another kind.
     """

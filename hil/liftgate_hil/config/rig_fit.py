@@ -172,7 +172,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
 
 
 def _uneven_cycles(rig: Rig, rate: float) -> Iterator[str]:
-    """Yield a note, with all messages concerned, for each cycle that is no whole number of ticks."""
+    """Yield a note, with all sent messages concerned, for each cycle that is no whole number of ticks."""
     found: dict[int, list[str]] = {}
     for name, cycle_ns in _cycles(rig, rig.outputs):
         ticks = cycle_ns * rate / NS

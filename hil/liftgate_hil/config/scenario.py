@@ -289,7 +289,7 @@ def _included(raw: Table) -> tuple[str, ...]:
 def _parameters(
     parts: Sequence[_PartRead], replaced: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the parameters of all files, a file's own over included ones, and how issues name each."""
+    """Return all parameters, `replaced` ones over a file's own over included ones, and how issues name each."""
     known: dict[str, float] = {}
     origins: dict[str, str] = {}
     top_keys = {key.name for key in fields_of(ScenarioTable)}
@@ -355,7 +355,7 @@ def stimuli_after(scenario: Scenario, end: float) -> list[str]:
 
 
 def begins(scenario: Scenario) -> Iterator[tuple[str, Instant]]:
-    """Yield name and start of each stimulus, and of each change of a profile's value."""
+    """Yield name and start (time or condition) of each stimulus, and of each change of a profile's value."""
     for request in scenario.requests:
         yield f"request {request.action}", request.when
     for timed in scenario.stimuli.obstacles:

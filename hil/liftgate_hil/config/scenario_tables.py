@@ -93,7 +93,7 @@ class TableReader:
     kept: dict[str, Any]  # of tables that no parameter changes, by key: what they were read as, None at first
 
     def read(self, given: ScenarioTable, found: FoundTables) -> None:
-        """Add the contents of the file's tables to those found so far; issues are collected."""
+        """Add the file's tables to those found so far, an [[expect]] replacing its namesake; issues are noted."""
         found.profiles += self._tables("profile", given.profile, self._profile)
         found.obstacles += self._tables("obstacle", given.obstacle, self._obstacle)
         found.requests += self._tables("request", given.request, self._request)
@@ -184,7 +184,7 @@ class TableReader:
         return found
 
     def _span(self, key: str, given: ObstacleTable | FaultTable) -> tuple[Instant, Instant]:
-        """Return start and end of a table with the delay added; an issue if the end is not later."""
+        """Return start and end of a table, with its delay; an issue if both are times and the end is not later."""
         start = self._instant(given.start, given.delay_s, f"{key}.start")
         end = self._instant(given.end, given.delay_s, f"{key}.end")
         if not start.condition and not end.condition and end.time <= start.time:
@@ -215,7 +215,7 @@ class TableReader:
         return SignalValue(when, set_to.signal, set_to.value, str(self.path), key, value_key)
 
     def fault(self, key: str, given: Table) -> Fault:
-        """Return the fault that a table describes; its issues are collected under the table's key."""
+        """Return the fault that a table describes, even if invalid; issues are collected under the table's key."""
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # the keys of an unknown kind are not known

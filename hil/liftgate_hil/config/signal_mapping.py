@@ -109,7 +109,7 @@ def _mapping(
 
 
 def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conversion | None:
-    """Return the file's `scale` and `offset` of a mapping; None if neither is given."""
+    """Return the file's `scale` and `offset` of a mapping; None if neither is given. Issues are noted."""
     if given.scale is None and given.offset is None:
         return None
     scale = 1.0 if given.scale is None else given.scale
@@ -120,7 +120,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: MappingTable) -> Conve
 
 
 def _given_values(issues: ConfigIssues, key: str, given: MappingTable, ours: Signal) -> Table | None:
-    """Return the file's `values` of a mapping; None if they are not given."""
+    """Return the file's `values` of a mapping unchanged; None if they are not given. Issues are noted."""
     if given.values is None:
         if given.unit is not None and ours.values:
             issues.add(f"{key}.unit", "allowed: values, this is an enumeration")

@@ -155,7 +155,7 @@ def _followers(issues: ConfigIssues, dotted: str, names: Names, given: Any) -> t
 
 
 def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float]:
-    """Return randomly drawn values of one car, in the file's units, by name; a drive's keys once per drive."""
+    """Return one car's values drawn by `seed`, in the file's units, by name; a drive's keys once per drive."""
     result: dict[Names, float] = {}
     for spread in spreads:
         for place in _places(spread.names):
@@ -192,7 +192,7 @@ def _value(raw: Table, names: Names) -> float | None:
 
 
 def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
-    """Return a random value by seed and key: about `nominal`, or between the spread's ends."""
+    """Return the value that seed and key determine at random: about `nominal`, or between the spread's ends."""
     channel = zlib.crc32(".".join(place).encode())
     if spread.distribution == "uniform":
         share = uniform(seed, 0, channel)
@@ -287,7 +287,7 @@ def _ideal(raw: Table) -> list[Setting]:
 
 
 def _drawn(raw: Table, seed: int, settings: Sequence[Setting], source: str) -> list[Setting]:
-    """Return settings with values of a car drawn by `seed`, for keys not in `settings`. Raises ConfigError."""
+    """Return a car's settings drawn by `seed`, except `settings`. Raises ConfigError for a missing `[spread]`."""
     nominal = copy.deepcopy(raw)
     issues = ConfigIssues(source, applied(nominal, settings))
     spreads = spreads_of(issues, nominal)

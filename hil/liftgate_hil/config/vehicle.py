@@ -137,7 +137,7 @@ def _check_whole(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict[str, Any]]:
-    """Return the fields of a drive by table; keys in the side's own tables override the shared ones."""
+    """Return a drive's fields by table, noting issues; keys in the side's own tables override the shared ones."""
     own = raw.get(side, {})
     if side in raw:
         own = table(issues, side, own)
@@ -154,7 +154,7 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
 def _fields(
     issues: ConfigIssues, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
 ) -> dict[str, Any]:
-    """Return the fields of one table in SI and radians; the keys in `own` come from the table of one side."""
+    """Return a table's fields in SI and radians, noting issues; the keys in `own` come from one side's table."""
     keys = keys_of(kind)
     known_keys(issues, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
     known_keys(issues, f"{side}.{prefix}", own or {}, keys)

@@ -121,7 +121,7 @@ class Decoder:
             yield self._table(waiting)
 
     def _table(self, frames: NDArray[np.void]) -> Floats:
-        """Return the rows of decoded signals for frames in order of time."""
+        """Return the rows decoded from frames, one per time. Raises ConfigError if one precedes earlier blocks."""
         times = frames["time_ns"]
         if times[0] < self._last_ns:
             raise ConfigError(

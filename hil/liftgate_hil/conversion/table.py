@@ -138,7 +138,7 @@ def open_table(path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS) 
 def open_whole(
     path: Path, rig: str | None = None, how: ReadOptions = AS_IT_IS, columns: Sequence[str] = ()
 ) -> Recording:
-    """Open the columns of a recording: its rows and the signals in its frames. Raises ConfigError.
+    """Open a recording's rows, joined with its frames' signals by `rig` or if in `columns`. Raises ConfigError.
 
     Frames are decoded by `rig`, else by that of the run where one of the `columns` is none of the rows.
     """

@@ -38,7 +38,7 @@ def bound(address: tuple[str, int]) -> socket.socket:
 
 
 def new_token() -> str:
-    """Return the token LIFTGATE_HIL_TOKEN of the environment, else a random one. Raises ConfigError."""
+    """Return a random token, or LIFTGATE_HIL_TOKEN if given. Raises ConfigError if the given one is unfit."""
     given = os.environ.get(_TOKEN)
     if given is None:
         return secrets.token_urlsafe(24)

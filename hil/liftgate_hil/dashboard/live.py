@@ -103,7 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read new data, at a monotonic time [s]; return lowest and highest values by column; {}: no rows."""
+        """Read new data, at a monotonic time [s]; return lists `low` and `high` in column order; {}: no rows."""
         with self._updating:
             return self._update(now)
 
@@ -168,7 +168,7 @@ class Live:
         return int(self._lines[-1][0]) if self._lines else 0
 
     def lines(self, after: int) -> list[list[Any]]:
-        """Return the lines of the run's log after the one with number `after`."""
+        """Return the lines [number, time, text] of the run's log after the one with number `after`."""
         return [each for each in list(self._lines) if each[0] > after]
 
     def moment(self) -> PageState:

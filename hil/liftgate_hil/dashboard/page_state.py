@@ -228,7 +228,7 @@ class TracedFrame(TypedDict):
 
 
 class BusTrace(TypedDict):
-    """The latest frames on the bus."""
+    """Frames on the bus after a requested number, and the number of the first of them."""
 
     first: Annotated[int, Shown("number of the first of these frames, counted from 1; higher than asked for: "
         "those before are gone")]

@@ -57,13 +57,13 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return the time [s] in the run of the last complete reading at or before `time` [s]; NaN: none."""
+        """Return the time [s] in the run of the last complete reading of codes up to `time` [s]; NaN: none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 
     @property
     def longest_wait(self) -> float:
-        """Longest time [s] between two complete readings of an ECU that responds in time."""
+        """Longest time [s] between two complete readings of trouble codes of an ECU that responds in time."""
         return self._own.period + self._own.patience
 
     def _mark(self, reported: Sequence[int]) -> int:
@@ -79,7 +79,7 @@ _RESET, _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x11, 0x51, 0x7F, 0x21, 0x78
 
 
 class ResetWatch:
-    """Observer of ECUReset requests and their responses, single frames of ISO-TP, in frames as they come."""
+    """Observer of ECUReset requests and responses in ISO-TP single frames, as they come; result: `failure`."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self._own = diagnostics
@@ -87,7 +87,7 @@ class ResetWatch:
         self._failure = NO_FAILURE
 
     def take(self, frames: Any) -> None:
-        """Observe frames (n,) LOGGED."""
+        """Observe the ECUReset requests and responses in further frames (n,) LOGGED."""
         for row in frames[
             (frames["identifier"] == self._own.request) | (frames["identifier"] == self._own.response)
         ]:

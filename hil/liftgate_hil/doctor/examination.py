@@ -74,7 +74,7 @@ class Examination:
         )
 
     def _measure(self) -> None:
-        """Measure wake-up lateness (also with FIFO scheduling, if possible), stolen time and a tick's duration."""
+        """Measure lateness (also with FIFO, if possible), stolen time, a tick's time; add checks and `figures`."""
         may = limits.may_have_fifo(ROOT)
         times = 2 if may or self.request.realtime else 1
         often = ("once", "twice")[times - 1]

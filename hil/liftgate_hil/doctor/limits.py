@@ -57,7 +57,7 @@ def priority(root: Path, user: str) -> Check:
 
 
 def memory(root: Path, user: str) -> Check:
-    """Check whether this user may lock enough memory for a real-time run."""
+    """Check whether a real-time run may lock its memory, and whether a container has enough of it."""
     if short := short_of_memory(root):
         return judged("locked memory", short.partition("; ")[0], "give the container more memory")
     if may_lock_memory(root):
@@ -87,7 +87,7 @@ def sleep_states(root: Path) -> Check:
 
 
 def swap(root: Path, locked: bool) -> Check:
-    """Check whether memory that a tick needs may be swapped to a disk; `locked`: runs can lock their memory."""
+    """Check whether swap is in use although runs cannot lock their memory (`locked`: they can)."""
     rows = [line.split() for line in read(root, "proc/swaps").splitlines()[1:]]
     used = sum(number(row[3], 0) for row in rows if len(row) > 3) / 1024.0
     if not rows:

@@ -64,7 +64,7 @@ def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
 
 
 def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
-    """Check whether the CPU that --realtime would use, `wanted` or (None) chosen from `allowed`, is isolated."""
+    """Check if the CPU of --realtime (`wanted`, or None: of `allowed`) may be used, and is isolated if any is."""
     alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
     if wanted is not None and wanted not in allowed:
         found, mend = f"CPU {wanted} is not one that this process may use", ranges(list(allowed))

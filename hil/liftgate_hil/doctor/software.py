@@ -37,7 +37,7 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
 
 
 def model(enabled: bool, cached: bool, folder: Path) -> Check:
-    """Check that the model's compiled code is stored in `folder`, so that a start need not compile it.
+    """Return the check on the model's compiled code: whether it is `cached` in `folder`, and what to do if not.
 
     `enabled`: the compiler is switched on; `cached`: the machine code is there.
     """

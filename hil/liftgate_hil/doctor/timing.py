@@ -128,7 +128,7 @@ def stolen_percent(before: dict[str, tuple[int, int]], after: dict[str, tuple[in
 
 
 def stolen(shares: dict[str, float]) -> Check:
-    """Check whether a virtual machine's host took CPU time away; `shares` [%] by CPU."""
+    """Return the check on CPU time that a virtual machine's host took away: `shares` [%] by CPU."""
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] <= 0.0:
         return Check("stolen time", "ok", "none during the measurement")
@@ -159,7 +159,7 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str = "") -> Check:
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
-    """Check which real-time requests are refused: a warning with remedies if --realtime was `asked`, else `ok`."""
+    """Return the check on `refused` real-time requests: a warning if --realtime was `asked`, else `ok`."""
     if not refused:
         return Check("real time", "ok", "a run gets everything that it requests")
     parts = [text.partition("; ") for text in refused]

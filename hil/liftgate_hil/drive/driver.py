@@ -42,7 +42,7 @@ class Recordings:
         self.sinks: list[Sink] = [sink] if self.writers else []
 
     def mark(self, time_s: float, text: str) -> bool:
-        """Write an operator's mark at a time [s] of the run; False: a recording has ended."""
+        """Write an operator's mark at a time [s] of the run to its recordings; False: a recording has failed."""
         for each in self.writers:
             each.write_mark(time_s, text)
         return not any(each.failure for each in self.writers)

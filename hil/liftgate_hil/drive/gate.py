@@ -112,7 +112,7 @@ class Gate:
         self.close()
 
     def close(self) -> None:
-        """Release the gate's memory; further calls do nothing.
+        """Release the gate's memory; closing it once more does nothing.
 
         What it has seen can still be read; stepping and commanding it raise ConfigError.
         """
@@ -235,7 +235,7 @@ class Gate:
         self._target.hold(held_obstacle(None))
 
     def _make_room(self) -> None:
-        """Apply the commands queued for the next tick, so that the queue has room for more."""
+        """Apply the surroundings, faults and signals queued for the next tick, so that the queue has room."""
         take_posted(self._episode.stimuli, self.time)
 
     def signal(self, name: str, value: float | str | None) -> None:

@@ -170,7 +170,7 @@ def silence_of(scenario: Scenario, rig: Rig) -> float:
 
 
 def _lateness(summary: Summary, extremes: Extremes) -> str:
-    """Return a text on the rows or frames that a real-time run has lost without its rows showing it; "": none."""
+    """Return why all verdicts are inconclusive: real-time rows or frames lost, shown by no row; "": none lost."""
     if summary.clock != "realtime" or extremes.high is None:
         return ""
     if summary.unseen_rows:

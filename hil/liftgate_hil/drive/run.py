@@ -53,7 +53,7 @@ def execute(plan: Plan, stopped: Callable[[], bool] = lambda: False) -> Result:
 
 
 def _isolated(plan: Plan, stopped: Callable[[], bool]) -> Result:
-    """Run a plan in a process of its own. Raises ConfigError."""
+    """Run a plan in its own process; verdict `error` if the ECU's code crashes or hangs. Raises ConfigError."""
     from liftgate_hil.isolate.isolation import run_isolated
 
     job = plan.job

@@ -83,7 +83,7 @@ class SharedStarts:
         return begin._replace(state=copied(kept.loop))
 
     def keep(self, plan: Plan, adapter: Adapter, before: StimulusPlan, after: LoopStart) -> None:
-        """Keep a reference ECU's state after a precondition if only the stimuli's origin changed; else nothing."""
+        """Keep a reference ECU's state after a precondition if only the stimuli's origin changed; else none."""
         stimuli = after.stimuli
         # When faults are looked at next is found anew at time 0, with the same result.
         faults = before.faults._replace(next=stimuli.faults.next)

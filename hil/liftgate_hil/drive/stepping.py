@@ -93,7 +93,7 @@ class _Angles:
         self.are_same = True
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Note in `are_same` whether the angles in these rows are those of the original run."""
+        """Set `are_same` to False unless the angles in these rows are those of the original run."""
         angles = rows[:, COLUMN_PLACE["gate_angle_deg"]]
         known = self._known[self._seen : self._seen + len(angles)]
         self._seen += len(angles)

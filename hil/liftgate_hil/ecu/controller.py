@@ -236,7 +236,7 @@ def hold(memory: EcuMemory) -> DriveCommand:
 
 @compilable
 def move(constants: EcuConstants, memory: EcuMemory, feedback: Feedback) -> DriveCommand:
-    """Run a control cycle in motion: check for its end and for trapping, and return the drives' command."""
+    """Run a control cycle in motion: check for its end, faults and trapping; return the drives' command."""
     control = memory.control[0]
     defects = constants.calibration.defects
     control.caught = int(feedback.caught)

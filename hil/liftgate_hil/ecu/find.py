@@ -122,7 +122,7 @@ def is_foreign(ecu: Any) -> bool:
 
 
 def _instance_of(name: str) -> Any:
-    """Return an instance of the class in "module:Class". Raises ConfigError, EcuError."""
+    """Return an instance of the class in "module:Class". Raises ConfigError; EcuError where its code hangs."""
     module, _, attribute = name.partition(":")
     try:
         with FOREIGN:

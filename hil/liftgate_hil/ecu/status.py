@@ -49,7 +49,7 @@ def end_tests(statuses: NDArray[np.int64]) -> None:
 
 @compilable
 def clear(statuses: NDArray[np.int64], event: int) -> None:
-    """Clear the status byte of a trouble code."""
+    """Clear a trouble code's status byte, and set its bits for a test that has not been completed."""
     statuses[event] = CLEARED
 
 

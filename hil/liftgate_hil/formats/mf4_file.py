@@ -203,7 +203,7 @@ class Mf4File(Recording):
     sample: str = "sample"
 
     def as_recording(self) -> Mf4File:
-        """Return the file as a recording: one group or else its frames. Raises ConfigError if it has neither."""
+        """Return the file as a recording; of several groups, only frames. Raises ConfigError if it has none."""
         if self.refusal and self.channel is None:
             raise ConfigError(f"{self.path}: {self.refusal}")
         if self.refusal:  # of its columns; its frames are a recording

@@ -134,7 +134,7 @@ class Recording:
         return iter(())
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, FileColumn]:
-        """Return columns by name, without infinite values; {}: unreadable rows. Both are noted in `issues`."""
+        """Return columns by name, but those with infinities; {}: unreadable rows. Both are noted in `issues`."""
         if not wanted:
             return {}
         try:

@@ -144,7 +144,7 @@ def _remove_ours(path: Path) -> None:
 
 
 def _earlier_set_aside(path: Path, inputs: Sequence[Path]) -> list[Path]:
-    """Set aside earlier files but `inputs`; return their new paths. Raises ConfigError, OSError."""
+    """Set aside an earlier recording's files but `inputs`; return all files aside. Raises ConfigError, OSError."""
     earlier, before = (
         [each for each in _parts_of(path, is_aside) if not is_one_of(each, inputs)] for is_aside in (False, True)
     )

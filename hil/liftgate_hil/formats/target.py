@@ -29,7 +29,7 @@ def is_special(path: Path) -> bool:
 
 
 def why(error: OSError) -> str:
-    """Return as text why a file could not be written."""
+    """Return as text why a file could not be written, from the error."""
     return _WORDS.get(error.errno or 0) or error.strerror or str(error)
 
 
@@ -109,7 +109,7 @@ def open_free(
 
 
 def open_target(path: Path, patience: float | None = None) -> BinaryIO:
-    """Open an output file, new or empty, locked against other recorders until closed. Raises ConfigError.
+    """Open an output file, locked until closed. Raises ConfigError, also where a file has content or is locked.
 
     `patience` is how long [s] the reader of a pipe may read nothing before writing fails; None: without limit.
     """

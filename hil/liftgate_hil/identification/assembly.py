@@ -197,7 +197,7 @@ def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float |
 
 
 def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
-    """Return (input delay [s], whether to estimate it). Raises ConfigError."""
+    """Return (input delay [s], whether to estimate it: for auto, that of bus logs). Raises ConfigError."""
     if text == "auto":
         logs = [each.name for each in data if each.through_sensors]
         if logs and len(logs) < len(data):

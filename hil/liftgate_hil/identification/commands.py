@@ -218,7 +218,7 @@ def _write_all(writers: Sequence[Callable[[], None]]) -> list[str]:
 
 
 def _write_inputs(request: PlanRequest, result: ExperimentPlan, say: Say) -> None:
-    """Write the best experiments' voltages and slopes as CSV. Raises ConfigError, also where an input file is."""
+    """Write the best experiments' voltages and slopes as CSV, but over no input file. Raises ConfigError."""
     if request.save_inputs is None:
         return
     folder, inputs = Path(request.save_inputs), [*inputs_of(request).values()]

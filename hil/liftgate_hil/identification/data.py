@@ -214,7 +214,7 @@ def is_even(times: Floats) -> bool:
 
 
 def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
-    """Return a mask of times `at` far from any sample of a column: in a gap, before the first, after the last."""
+    """Return a mask of times `at` where a column is unknown: in a gap, before its first sample, after the last."""
     own = times[np.isfinite(values)]
     if len(own) == 0:
         return np.ones(len(at), dtype=bool)
@@ -280,7 +280,7 @@ def _raster(data: Data, rate: float) -> Floats:
 
 
 def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
-    """Return a mask (n,) of unknown samples: in gaps; if filtered, also mostly interpolated ones and both ends."""
+    """Return a mask (n,) of unknown samples: in gaps; if filtered, the mostly interpolated ones and both ends."""
     rows = decimation.rows
     gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
     if decimation.factor == 1 or name in decimation.counts:

@@ -203,7 +203,7 @@ def hints(problem: Problem, point: Floats) -> list[str]:
 
 
 def _without_sign(problem: Problem) -> list[str]:
-    """Return hints on outputs or inputs that are never negative although other columns imply it."""
+    """Return hints on outputs or inputs without negative values where other columns imply some."""
     found = [
         f"{name} has no negative values: was only its magnitude recorded?"
         for name, measured, simulated in _courses(problem, problem.initial)

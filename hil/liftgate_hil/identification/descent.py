@@ -207,7 +207,7 @@ def _compared(problem: Problem, slopes: Floats) -> Floats:
 
 
 def equations_at(problem: Problem, place: SearchPoint, slopes: Floats) -> tuple[Floats, Floats]:
-    """Return the normal equations at a search point, priors included: matrix (n, n) and gradient (n,)."""
+    """Return the normal equations at a search point, priors included: matrix (n, n) and right side (n,)."""
     means, inverse_std = problem.priors()
     matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
     matrix += np.diag(inverse_std**2)

@@ -41,7 +41,7 @@ _OWN = 1e-6  # of a slope's square: part that estimates cannot take up, below wh
 
 
 def estimates_of(problem: Problem, point: Floats, covariance: Floats, known: Uncertainty) -> list[Estimate]:
-    """Return the estimates at a point (n,) with its covariance (n, n): parameters, then unknowns.
+    """Return one list of estimates at a point (n,) with its covariance (n, n): parameters, then unknowns.
 
     Each has a remark where it cannot be identified, or where a limit of the vehicle holds it.
     """

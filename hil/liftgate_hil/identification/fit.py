@@ -270,7 +270,7 @@ def widened(classic: Floats, robust: Floats) -> Floats:
 
 
 def _leave_out_few(problem: Problem) -> list[int]:
-    """Leave out outputs with too few samples; return the others. Raises NothingToTellError: all constant."""
+    """Leave out outputs with too few samples; return indices of the others. Raises NothingToTellError."""
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)

@@ -118,7 +118,7 @@ class _Moves:
         return self._slopes([[change] for change in changes], np.ones((len(changes), 1)))
 
     def by_chance(self, count: int) -> Effects:
-        """Return Ψ s (count, rows, outputs) of all changes for `count` random sign vectors s (Hutchinson 1990)."""
+        """Return Ψ s (count, rows, outputs) of all changes for `count` seeded sign vectors s (Hutchinson 1990)."""
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (count, len(self.changes)))
         return self._slopes([self.changes] * count, signs)
 

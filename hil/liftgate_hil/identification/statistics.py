@@ -115,7 +115,7 @@ def sandwich(inverse: Floats, scores: Floats) -> Floats:
 
 
 def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Floats) -> Floats:
-    """Return M⁻¹ S M⁻¹ for residuals that are correlated in time.
+    """Return the covariance M⁻¹ S M⁻¹ of estimates whose residuals are correlated in time.
 
     S is the long-run covariance of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) with the priors' share; `series` are
     the scores (m, p) of each experiment, evenly spaced in time; `inverse` is M⁻¹.

@@ -30,7 +30,7 @@ def keep_nice_value(child: subprocess.Popen[Any]) -> None:
 
 
 def foreign_output() -> int:
-    """Return the descriptor for foreign code's stdout: stderr, as a program may parse this one's stdout."""
+    """Return Popen's stdout for foreign code: this process's stderr, as its stdout may be parsed."""
     try:
         os.fstat(2)
     except OSError:

@@ -128,7 +128,7 @@ class _Watch:
                 return self._late_answer(f"no response for {self._hang_s:g} s", is_its=True)
 
     def _late_answer(self, what: str, is_its: bool = False) -> bytes:
-        """Return an answer that came late; else raise the failure, with the Python line of the ECU if known."""
+        """Return an answer that came late. Raises EcuError if none did, with the ECU's Python line if known."""
         self._control.asked = 1
         payload = None
         with contextlib.suppress(BadAnswerError):

@@ -84,7 +84,7 @@ class Expected:
         return [f"{unmet}: the scenario begins there"] if unmet else []
 
     def margin_unit(self, place: int) -> str:
-        """Return the unit of an expectation's margin; "": none, or it may be that of several comparisons."""
+        """Return the unit of an expectation's margin; "": none, or its comparisons have different ones."""
         units = {*self.conditions[place].units}
         return units.pop() if len(units) == 1 else ""
 

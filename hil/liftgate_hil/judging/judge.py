@@ -171,7 +171,7 @@ class Judge:
         return found.text if found.seconds > self._timeliness.tolerance else ""
 
     def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
-        """Return the verdict, checked by simulation where the bench's lateness in the window may have decided it.
+        """Return the verdict; inconclusive where the bench was late and no simulation confirms the verdict.
 
         The check is by `stepped_again`; the verdict's method says how. A failure, or a verdict whose trigger
         never came, reports lateness before, which may have led to it.

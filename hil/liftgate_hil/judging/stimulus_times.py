@@ -29,7 +29,7 @@ class TimedFault:
 def brief_faults(
     faults: Sequence[TimedFault], came: Mapping[tuple[str, float | str], float], last: float, step: float
 ) -> list[str]:
-    """Return a note for each fault that was in force for a shorter time than it needs.
+    """Return a note for each fault that was in force for a shorter time than it needs to be noticed.
 
     `came` is when each condition became true [s], by text and preceding instant (see `Scenario.awaited`);
     `last` [s] is the end of the run. The end of a fault follows its start no sooner than by a `step` [s] of the

@@ -117,7 +117,7 @@ class Timeliness:
         ]
 
     def _evaluate(self) -> None:
-        """Evaluate the rows collected so far."""
+        """Evaluate lateness and pinch forces of the rows collected so far."""
         waiting, self._waiting = self._waiting, []
         own = np.concatenate([np.empty((0, len(_PLACES))), *waiting])
         own = own[~np.isnan(own[:, 1:4]).any(axis=1)]

@@ -60,7 +60,7 @@ class Envelope:
         self._seen += count
 
     def bins(self) -> tuple[Floats, Floats, Floats, int]:
-        """Return per bin: begin [s] (n,), lowest and highest values (n, signals), and the number of its ticks."""
+        """Return each bin's begin [s] (n,), lowest and highest values (n, signals), and the ticks per bin."""
         count = -(-self._seen // self._every)
         return self._times[:count], self._low[:count], self._high[:count], self._every
 

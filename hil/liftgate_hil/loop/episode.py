@@ -126,7 +126,7 @@ class Episode:
         self._script = self._script._replace(stimuli=stimuli)
 
     def give(self, frames: Sequence[tuple[int, int, bytes]]) -> None:
-        """Have the gate receive frames (identifier with flags, length, data), at most CAPACITY, in the next tick.
+        """Have the gate receive frames (identifier with flags, length, data), not the ECU's, in the next tick.
 
         They come instead of what the ECU has sent in the last one.
         """
@@ -165,7 +165,7 @@ class Episode:
         )
 
     def _stretches(self, script: Script, stopped: Callable[[], bool]) -> None:
-        """Run stretches until the script's end or `stopped()`; then empty the rings, reset the ECU if due."""
+        """Run stretches until the script's end or `stopped()`; after each, empty rings, reset the ECU if due."""
         shared = self.memory.shared
         last = script.ticks + script.is_last
         while self.state.tick < last and not stopped():

@@ -30,7 +30,7 @@ class Lockstep(NamedTuple):
 
 
 def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Advance a loop by a period per command frame, until `ticks` or `stopped()`. Raises OverrunError.
+    """Advance a loop a period per command frame, until `ticks` or `stopped()`. Raises OverrunError if none comes.
 
     What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would
     lag permanently. An ECU that had already sent commands may wait for an answer: the first period is without a

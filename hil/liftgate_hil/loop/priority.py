@@ -123,7 +123,7 @@ class Realtime:
 
 
 def in_one_line(refused: Sequence[str]) -> str:
-    """Return the refused requests that `refused_here` returns, as a one-line message."""
+    """Return the requests that `refused_here` returns, at least one, as a one-line message."""
     what = " and ".join(refused)
     return f"refused: {what}: other programs can delay this one; liftgate-hil doctor says how to get it"
 
@@ -206,14 +206,14 @@ def prepare_thread(realtime: Realtime | None) -> None:
 
 
 def stay_on_cpu() -> None:
-    """Bind the calling thread to its CPU, or to one without another bench's loop."""
+    """Bind the calling thread to its CPU or, where another bench's loop runs on that, to one without."""
     here, free = ctypes.CDLL(None).sched_getcpu(), _free_cpus()
     with contextlib.suppress(OSError, ValueError):  # a kernel that does not tell the CPU says -1
         os.sched_setaffinity(0, {here if here in free else min(free)})
 
 
 def refused_here() -> list[str]:
-    """Try FIFO scheduling and locked memory; return the names of those that this machine refuses."""
+    """Try FIFO scheduling and locked memory, keeping neither; return the names of those that are refused."""
     found = [] if has_fifo() else [FIFO]
     if lock_memory():
         found.append("locked memory")

@@ -239,7 +239,7 @@ def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int
 
 @compilable
 def wait_for_ticks(config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int) -> bool:
-    """Wait until the tick after `done` ticks is due, and receive the frames that arrive meanwhile.
+    """Wait until the tick after `done` ticks is due, and receive the frames; False: too far behind.
 
     Returns False if the loop has fallen too far behind.
     """

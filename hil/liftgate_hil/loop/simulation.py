@@ -45,7 +45,7 @@ _AHEAD = 4  # blocks: where one takes longer to compute, or to write, the other 
 
 @dataclass(frozen=True)
 class Samples:
-    """Sampled inputs: times (n,) [s], and values (n,) for each known column of INPUT_COLUMNS."""
+    """Sampled inputs of the plant: times (n,) [s], values (n,) of each known column of INPUT_COLUMNS."""
 
     times: Floats
     columns: Mapping[str, Floats]
@@ -117,7 +117,7 @@ def inputs_at(
 
 @compilable
 def block(offline: Offline, start: OfflineState, rows: Floats, out: Floats) -> tuple[OfflineState, int, bool]:
-    """Simulate input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH).
+    """Simulate input rows (n, inputs) to the first unsound state, writing the state before each step to `out`.
 
     Returns the state, how many rows were written, and whether all states were sound. It ends before a state that
     is not, and where the ring of Hall edges is half full.

@@ -140,17 +140,17 @@ class Summary(DescribedResult):
 
     @property
     def lateness(self) -> Annotated[Quantiles, Shown("how late ticks began", prefix="lateness")]:
-        """Lateness with which ticks began."""
+        """Lateness with which ticks began, as quantiles [µs]."""
         return self.timing.lateness
 
     @property
     def execution(self) -> Annotated[Quantiles, Shown("execution time of a tick", prefix="execution")]:
-        """Execution time of a tick."""
+        """Execution time of a tick, as quantiles [µs]."""
         return self.timing.execution
 
     @property
     def delay(self) -> Annotated[Quantiles, Shown("command delay", prefix="command_delay")]:
-        """Delay from a command on the bus to the first feedback that shows its effect."""
+        """Delay from a command on the bus to the first feedback that shows its effect, as quantiles [µs]."""
         return self.timing.delay
 
     @property
@@ -185,7 +185,7 @@ class Summary(DescribedResult):
         return "no command arrived: the ECU sent nothing"
 
     def injections_reported(self) -> str:
-        """Return a text on the faults that a test bench injected."""
+        """Return as text how many injections a test bench made, how many were refused, and the first ones."""
         first = "; ".join(self.injected[:_MOST_LISTED])
         more = "; …" if self.injections > _MOST_LISTED else ""
         text = f": {first}{more}" if first else ""

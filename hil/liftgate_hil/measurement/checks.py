@@ -29,7 +29,7 @@ _SPEED_UNITS: Sequence[tuple[float, str]] = (
 
 
 def check(measurement: Measurement, vehicle: KnownVehicle | None = None) -> list[str]:
-    """Return all issues of a measurement, one line each, judged by what is known of a vehicle; []: none."""
+    """Return a measurement's issues, one line each, judged by what is known of a vehicle; []: none."""
     known = vehicle or KnownVehicle()
     issues = _soundness(measurement)
     usual = math.nan if issues else float(np.median(np.diff(measurement.times)))

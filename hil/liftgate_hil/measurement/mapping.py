@@ -38,7 +38,7 @@ def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> C
 def unit_of(
     ours: str, name: str, stated: str | None, mapped: str | None, known: Mapping[str, Signal] = KNOWN
 ) -> str:
-    """Return the unit of a file's column `name`, which is the known column `ours`; "": the latter's unit.
+    """Return the unit of a file's column `name`: by map, file, or name; "": that of the known column `ours`.
 
     It is what the map says, else what the file says of the column, else what its name does.
     """

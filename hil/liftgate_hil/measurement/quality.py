@@ -256,7 +256,7 @@ def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
 
 
 def explained(measurement: Measurement, side: str, values: Floats, known: KnownVehicle) -> Floats:
-    """Return the jump [A] of a motor current that the nearby changes of its voltage explain, in each row.
+    """Return how large a jump [A] of motor current nearby changes of its voltage explain, in each row.
 
     Without this every change of the duty would look like an outlier.
     """

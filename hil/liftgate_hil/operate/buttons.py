@@ -24,7 +24,7 @@ class ButtonPresser:
         return min((when for when, _ in self._pressed.values()), default=math.inf)
 
     def request(self, action: str, now: float) -> None:
-        """Press the button for open, close, stop or reset at `now` [s], or reset. Raises ConfigError."""
+        """Press the button for open, close, stop or reset at `now` [s], or reset directly. Raises ConfigError."""
         driver = self._rig.driver
         press = driver.buttons.get(action)
         if action == "reset" and driver.reset is not None:

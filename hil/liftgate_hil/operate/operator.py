@@ -137,7 +137,7 @@ class Operator:
             self.recording.note(now, f"{COMMAND}{done}")
 
     def _obey(self, command: object, now: float) -> str:
-        """Execute a command, and return a text on what was done; counting and reporting are the caller's."""
+        """Execute a command and return what was done as text, neither counted nor reported. Raises ConfigError."""
         allowed = "; allowed: one of " + ", ".join(COMMANDS)
         if not isinstance(command, dict) or len(command) != 1:
             raise ConfigError(f"{show(command)[:200]}: not a table of one key{allowed}")

@@ -252,7 +252,7 @@ def value_key(kind: str) -> str | None:
 
 
 def _way_of(rig: Rig, place: str) -> str:
-    """Return "sent" or "received", the direction of a message for the gate. Raises ConfigError for no message."""
+    """Return "sent" or "received", a message's direction for the gate. Raises ConfigError if none is named."""
     if place == NOTHING:
         raise ConfigError("direction none; allowed: sent or received, where no message is named")
     return "received" if place in {each.message for each in rig.inputs} else "sent"

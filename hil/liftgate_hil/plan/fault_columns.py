@@ -24,7 +24,7 @@ def fault_columns_of(faults: Sequence[Fault], is_open: bool = False) -> dict[str
 
 
 def faults_by_column(faults: Sequence[Fault]) -> dict[str, Mapping[str, object]]:
-    """Return a scenario's faults by the names of their columns: kind, place, and the keys of the kind."""
+    """Return the kind, place and keys of each of a scenario's faults, by the name of the fault's column."""
     return {
         name: {"kind": each.kind, "where": each.where, **each.values}
         for name, each in zip(_column_names(faults), faults, strict=True)

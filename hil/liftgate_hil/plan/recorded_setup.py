@@ -38,7 +38,7 @@ class RecordedSetup:
 
     @property
     def vehicle_name(self) -> str:
-        """The name of the vehicle's file, as recorded."""
+        """Name of the recorded vehicle's file, without suffix; "as recorded" where none is stated."""
         return Path(self._file("vehicle").get("path", "as recorded")).stem
 
     @cached_property

@@ -36,7 +36,7 @@ def vehicle_from(
 
 
 def variant_of(draw: int | None, ideal: bool) -> Variant:
-    """Return which variant to load: one car of the spread (seed `draw`), or an ideal one. Raises ConfigError."""
+    """Return the variant to load: as filed, one car of the spread (seed `draw`), or ideal. Raises ConfigError."""
     return Variant(None if draw is None else seed_of(draw, "draw"), bool(ideal))
 
 

@@ -324,7 +324,7 @@ def _is_same_instant(one: Instant, other: Instant) -> bool:
 def _changed_by(
     fault: Fault, vehicle: Vehicle, faults: Sequence[Fault], issues: ConfigIssues
 ) -> dict[str, tuple[float, float]]:
-    """Return the constants that a parameter fault changes, as (before, after); adds issues if it must not."""
+    """Return the constants that a parameter fault changes: (before, after) by name; adds issues if it must not."""
     if fault.kind != "parameter":
         return {}
     key, value = fault.values["key"], float(fault.values["value"])

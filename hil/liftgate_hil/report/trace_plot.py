@@ -42,7 +42,7 @@ class LinearScale(NamedTuple):
 
 
 def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[float, float]:
-    """Return (low, high) of an axis for signal `values`, and those `levels` (limits) that leave them readable.
+    """Return (low, high) of an axis that holds signal `values`, and `levels` (limits) if they stay readable.
 
     A constant signal stays readable with any limit.
     """

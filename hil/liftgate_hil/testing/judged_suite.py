@@ -72,7 +72,7 @@ def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_report
 def judge_suite(
     cases: Sequence[RecordedCase], is_summarized: bool, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[Outcome]:
-    """Judge the recorded runs one by one, until `stopped` returns True, and yield the outcome of each.
+    """Judge recorded runs one by one, and yield the outcome of each; once `stopped()`, the rest are errors.
 
     After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
     issues of the only one.

@@ -52,7 +52,7 @@ def issues_as_junit(issues: Sequence[str]) -> bytes:
 
 
 def class_names(files: Sequence[Path]) -> list[str]:
-    """Return the JUnit class name for the test cases of each file, each unique.
+    """Return the JUnit class names of the files, in their order, each unique, for their test cases.
 
     CI servers recognize a case from run to run by it, and sort by its parts. It is the path without suffix, from
     the folder of the shipped scenarios, else from the working folder, else the name with its folder's, however a

@@ -226,12 +226,12 @@ class MutationResult(DescribedResult):
 
     @property
     def _percent(self) -> float:
-        """Mutation score rounded as it is shown [%]."""
+        """Mutation score rounded as it is shown [%]; 0 if testing was stopped before its end."""
         return 0.0 if self.matrix is None else round(100.0 * self.matrix.score, 1)
 
     @property
     def reason(self) -> Annotated[str, Shown("why, in words; empty where no share is required")]:
-        """Reason of the verdict; "": no share of killed mutants was required."""
+        """Reason of the verdict; "": testing was completed, and no share of killed mutants was required."""
         if self.matrix is None:
             return "the runs with mutants were stopped before their end: no score is known"
         if self.percent_required is None:

@@ -92,7 +92,7 @@ class ScenarioCollector(pytest.File):
     _outcome: Outcome | None = None
 
     def collect(self) -> Iterator[pytest.Item]:
-        """Yield an item for each expectation."""
+        """Yield a test item for each expectation of the scenario. Raises CollectError for an invalid file."""
         from liftgate_hil.errors import ConfigError
         from liftgate_hil.testing.suite import cases_of
 
@@ -261,7 +261,7 @@ class Liftgate:
         return result
 
     def report_sections(self) -> dict[str, str]:
-        """Return a failed test's report sections: verdicts other than pass, and the paths of the recordings."""
+        """Return a failed test's report sections by title: verdicts other than pass, the recordings' folder."""
         from liftgate_hil.errors import printable
         from liftgate_hil.judging.verdict import line_of
 

@@ -21,7 +21,7 @@ _IN_RESULTS = {"json": "verdicts.json", "junit": "junit.xml", "html": "report.ht
 
 
 def targets_of(choice: ReportsChoice, words: Callable[[str], str] = str, say: Say = silent) -> Targets:
-    """Return the files of each kind of report, "json", "junit" and "html"; "-" is stdout. Raises ConfigError.
+    """Return the report files asked for, by kind: "json", "junit", "html"; "-" is stdout. Raises ConfigError.
 
     The folder of `results` is created. `words` replaces names of arguments in issues.
     """

@@ -64,7 +64,7 @@ class RunFile:
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of the file's columns."""
+        """Names of the file's columns, frames left out; empty for a bus log."""
         if self.table is None:
             return []
         return list(self.table.signals) if self.is_ours else [each for each in self.table.names if each != FRAME]
@@ -76,7 +76,7 @@ class RunFile:
         return [f"{self.path}: {note}" for note in (*own, *(() if self.log is None else self.log.notes))]
 
     def read(self, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
-        """Read columns, by their names in the file, with their times; issues are appended to `issues`."""
+        """Read columns, by their names in the file, into `samples`, with their times; issues go to `issues`."""
         if self.table is None:
             return
         if self.is_ours:

@@ -66,7 +66,7 @@ def unreadable_files(paths: Sequence[str]) -> list[str]:
 
 
 def _is_test(path: Path) -> bool:
-    """Whether a file has a name by which pytest recognizes tests."""
+    """Whether a file's name begins with `test_`, by which pytest recognizes tests."""
     return path.name.startswith("test_")
 
 

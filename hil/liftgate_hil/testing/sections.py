@@ -217,7 +217,7 @@ def mutants_section(mutation: MutationResult) -> str:
 
 
 def limits_section(outcomes: Sequence[Outcome]) -> str:
-    """Return the HTML section on limits of pinch forces; empty where there are none."""
+    """Return the HTML section on the pinch force limits that expectations use, and their origin; "": none."""
     users: dict[float, list[str]] = {}
     for outcome in outcomes:
         plan = outcome.case.plan

@@ -100,7 +100,7 @@ class SuiteListener:
         """Called with the number of runs with mutants that are `done`, of `count`."""
 
     def phase(self, name: str) -> contextlib.AbstractContextManager[object]:
-        """Return the context of a phase: "scenarios", "mutants", "judge", "report"."""
+        """Return a context around a phase, "scenarios", "mutants", "judge" or "report"; here it does nothing."""
         return contextlib.nullcontext()
 
     def put(self, text: str) -> None:
@@ -225,7 +225,7 @@ def _cases_of(request: SuiteRequest, template: Job, targets: Targets) -> list[Ca
 
 
 def _recorded(cases: Sequence[Case], folder: Path, attempts: int, inputs: Sequence[Path]) -> list[Case]:
-    """Return cases that record into files of their own in a folder, free for each attempt. Raises ConfigError."""
+    """Return the cases, each recording into own files in a folder; raise ConfigError if one is an input file."""
     kept: list[Case] = []
     names: set[str] = set()
     issues: list[str] = []

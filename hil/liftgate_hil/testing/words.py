@@ -53,7 +53,7 @@ def _when(instant: Instant) -> str:
 
 
 def _came(begin: Instant, times: Mapping[str, float] | None, end: float) -> str:
-    """Return in words when the condition of a start came true; "": it has none, or `times` is None (unknown)."""
+    """Return in words when a start's condition came true, or that it did not; "": no condition, or no `times`."""
     if times is None or not begin.condition:
         return ""
     time = times.get(begin.condition)

@@ -116,7 +116,7 @@ DRAIN_S = 1.0  # s, limit of draining if frames do not stop
 
 
 def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
-    """Drop the frames that have arrived, for 1 s at most; return how many, and how many of these are `command`."""
+    """Drop the arrived frames, for 1 s at most; return how many, and how many have the identifier `command`."""
     count, commands, until, empty = 0, 0, time.monotonic() + DRAIN_S, 0
     while empty < _EMPTY and time.monotonic() < until:
         frames = transport.receive()

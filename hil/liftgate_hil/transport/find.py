@@ -205,7 +205,7 @@ def open_line(way: Way, seen_by: Callable[[Transport], Transport] = lambda trans
 
 
 def check_serial(rig: Rig) -> None:
-    """Raise ConfigError if a rig has messages that the serial line's format cannot carry."""
+    """Raise ConfigError if a rig uses messages with 29-bit identifiers, which a serial line does not carry."""
     names = dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs))
     issues = [
         f"{rig.source}: {name} has the 29-bit identifier {rig.messages[name].frame_id:#x}; allowed on a "

@@ -40,7 +40,7 @@ class RefusedError(Exception):
 
 
 def checked(arguments: Mapping[str, object]) -> Mapping[str, object]:
-    """Return python-can's arguments completed with a hop limit, by default 0.
+    """Check python-can's multicast arguments; return them with a hop limit, by default 0. Raises ConfigError.
 
     With 0 the bus stays on this machine; with python-can's own default it leaves it. Raises ConfigError.
     """

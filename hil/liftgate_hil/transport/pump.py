@@ -105,7 +105,7 @@ class Pump:
         return self._transport.counts().dropped - self._dropped_before
 
     def counts(self) -> LinkCounts:
-        """Return the transport's counts; frames dropped by the pump are in `before_start`."""
+        """Return the transport's counts, `dropped` as 0; frames that the pump dropped are in `before_start`."""
         counts = self._transport.counts()
         return counts._replace(before_start=counts.before_start + self._before_start, dropped=0)
 
@@ -121,7 +121,7 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """Return the loop's next datagram, b"" at the end; report its wait in the socket as `line_late_ns`."""
+        """Return the loop's next datagram, b"" at the end; if its wait here is the longest, set `line_late_ns`."""
         try:
             datagram, ancillary, _, _ = self._ours.recvmsg(_ROW.size, _ANCILLARY)
         except OSError:  # closed while the driver blocked this thread

@@ -40,7 +40,7 @@ _CLASSIC_BYTES = 8
 
 
 class SerialTransport:
-    """Transport over a serial line. Raises ConfigError for an invalid URL, TransportError if it fails to open."""
+    """Transport over a serial line. Raises ConfigError for a bad path or URL, TransportError if opening fails."""
 
     def __init__(self, url: str, baudrate: int = BAUDRATE) -> None:
         self.name = url
@@ -100,7 +100,7 @@ class SerialTransport:
         return frames._replace(count=count)
 
     def send(self, frames: Frames) -> None:
-        """Send the frames that the port has room for; count the others as failures."""
+        """Send the frames that the line can carry and has room for; count the others as failures."""
         coded = []
         for row in range(frames.count):
             identifier, length = int(frames.identifiers[row]) & ~FD_FLAGS, int(frames.lengths[row])

@@ -59,6 +59,7 @@ def manifest_in(folder: str | Path) -> dict:
         (["--vary", "angle=60,70", "--samples", "3"], "--samples 3: allowed: with a distribution"),
         (["--vary", "seed=1.5"], "--vary seed=1.5: allowed: whole numbers from 0"),
         (["--vary", "supply.voltage=-1"], "--vary supply.voltage=-1: -1: allowed: 0 to 60 V"),
+        (["--vary", "rod=1e4,1e16"], "--vary rod: 1e+16: 1e+16 is out of range; allowed: -1e+15 to 1e+15"),
         (["--vary", "angle=60", "--vary", "angle=70"], "angle: varied twice"),
         (["--vary", "vehicle"], "--vary vehicle: allowed: a vehicle file with [identification]"),
         (["--worst", "stays shut", "--vary", "angle=60,70"], "--worst stays shut: allowed: stays open"),

@@ -96,11 +96,11 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """Number of threads of all workers in the cluster, at least 1."""
+        """Number of threads of all workers that were not refused, at least 1. Raises GoneError."""
         return max(1, sum(self._threads().values()))
 
     def _threads(self) -> Mapping[str, int]:
-        """Return each worker's number of threads, by address. Raises GoneError."""
+        """Return the number of threads of each worker that was not refused, by address. Raises GoneError."""
         try:
             threads: Mapping[str, int] = within(_ANSWER_S, self._client.nthreads)
         except Exception as error:
@@ -154,7 +154,7 @@ class Cluster:
         )  # fmt: skip
 
     def _answers(self, futures: list[Any]) -> Iterator[tuple[Any, TaskResult | None]]:
-        """Yield ended tasks with their results, fetched together if possible; None: submit the batch again."""
+        """Yield the first ended tasks with results, fetched at once if possible; None: submit the batch again."""
         futures = futures[:_TOGETHER]
         good = [each for each in futures if each.status == "finished"]
         fetched: dict[Any, TaskResult] = {}

@@ -66,7 +66,7 @@ class Slot:
             self._send()
 
     def look(self) -> bool:
-        """Process the worker's messages so far; return whether the batch is done. Raises LiftgateError."""
+        """Process messages, replace a dead worker; return whether the batch is done. Raises LiftgateError."""
         if len(self.rows) == len(self._values):
             return True
         assert self.connection is not None

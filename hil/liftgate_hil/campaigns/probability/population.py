@@ -104,7 +104,7 @@ class SubsetLevel(NamedTuple):
 
 
 class Population(NamedTuple):
-    """Final population of a run in its cell: its levels, its probability of failure, its failing points."""
+    """Final population of a run in its cell: levels, joint probability of cell and failure, failing points."""
 
     levels: tuple[SubsetLevel, ...]
     reached: float  # probability of the cell and the last level before failure
@@ -223,7 +223,7 @@ def _moved(
 
 
 def side_by_side(runs: Sequence[Generator[Floats, Floats, Result]]) -> Generator[Floats, Floats, list[Result]]:
-    """Generator that advances generators in step: yields their points as one batch, gets the margins for them."""
+    """Generator that advances generators in step, their points as one batch; returns the result of each."""
     results: dict[int, Result] = {}
     waiting = {number: next(run) for number, run in enumerate(runs)}
     while waiting:

@@ -342,7 +342,7 @@ def _probability(run: Cellwise) -> float:
 
 
 def _samples(runs: Sequence[Cellwise]) -> list[Sample]:
-    """Return a sample for each cell: the failing points of all populations in it."""
+    """Return a sample for each cell with failures: the failing points of all populations in it."""
     samples = []
     for cell in zip(*runs, strict=True):
         there = [each for each in cell if each.probability > 0.0]
@@ -355,7 +355,7 @@ def _samples(runs: Sequence[Cellwise]) -> list[Sample]:
 
 
 def _weighted_samples(cells: Cells, points: Floats, weights: Floats) -> list[Sample]:
-    """Return a sample for each cell of weighted failing points (n, d), with Kish's effective sample size."""
+    """Return a sample for each cell with any of the weighted failing points (n, d), with Kish's sample size."""
     samples = []
     for cell in range(cells.count):
         inside = cells.holds(cell, points) & (weights > 0.0)  # of points far out, a weight may be rounded to 0

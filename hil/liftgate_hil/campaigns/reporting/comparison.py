@@ -25,7 +25,7 @@ _SHOWN = 20
 # fmt: off
 @dataclass(frozen=True)
 class ResultsComparison(DescribedResult):
-    """Comparison of two result files with the same variants."""
+    """Comparison of the results of two ECUs in the same variants: pairs of verdicts, rows that differ."""
 
     names: Annotated[tuple[str, str], Shown("names of the ECUs: [first, second]", key="ecus")]
     variants: Annotated[int, Shown("variants that both have gone through")]
@@ -49,7 +49,7 @@ class ResultsComparison(DescribedResult):
 def comparison_of(
     own: Path, other: Path, varied: Sequence[str], expectations: Sequence[str], names: tuple[str, str]
 ) -> ResultsComparison:
-    """Compare two result files with the same variants in the same order.
+    """Compare the result files of two ECUs, which must have the same variants in the same order (not checked).
 
     Verdicts that differ come first, then margins, by their largest difference in an expectation's unit.
     Raises StoreError.
@@ -84,7 +84,7 @@ def comparison_of(
 
 
 def comparison_section(found: ResultsComparison, units: Mapping[str, str]) -> str:
-    """Return the report's HTML section on a comparison; `units` are those of all varied names, in order."""
+    """Return the report's HTML section that compares two ECUs; `units` are those of varied names, in order."""
     one, other = found.names
     if not found.count:
         story = f"{one} and {other} have the same verdicts and margins in all {found.variants:,} variants."

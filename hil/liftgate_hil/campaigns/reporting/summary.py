@@ -44,7 +44,7 @@ class Index(NamedTuple):
 
 
 def first_order(values: Mapping[str, Floats], results: Floats) -> list[Index]:
-    """Return the Sobol indices of varied values (n,) on results (n,), largest first; none if results are equal.
+    """Return the Sobol indices of varied values (n,) on results (n,), largest first; none if few or equal.
 
     Variants without a result (NaN) are left out.
     """

@@ -90,7 +90,7 @@ class CmaDescent:
         return ((np.array(self._raw) - self._low) / self._scale)[:, : len(self.place)]
 
     def tell(self, margins: Floats) -> None:
-        """Pass finite margins of the points `asked` to CMA-ES, and update `best` and `over`; NaN: no verdict."""
+        """Pass margins of the points `asked` to CMA-ES (NaN: as their median), and update `best` and `over`."""
         judged = ~np.isnan(margins)
         if not judged.any():
             self.over = True
@@ -258,7 +258,7 @@ class _Search:
         return np.clip(margins, low - beyond, high + beyond)
 
     def _skill(self) -> float:
-        """Return the predicted share of the variance of recent exploring points; of few, `Surrogate.skill`."""
+        """Return the share of recent exploring points' variance that was predicted; if few, `Surrogate.skill`."""
         recent = np.array([c[:2] for c in self._checks[-40:]])  # 40: follows the growth of the model
         if len(recent) < CHECKS:
             return self._surrogate.skill() if self._surrogate.fitted else 0.0
@@ -306,7 +306,7 @@ class _Search:
         return list(d.asked)
 
     def _start(self, x: Floats, f: Floats, dip: Floats | None) -> CmaDescent | None:
-        """Begin a descent in a dip, late in the search at the worst point, else at a low one far from others."""
+        """Begin a descent in a dip, late at the worst point, else at a low one far from others; None: nowhere."""
         known, sigma, start = math.inf, SIGMA, None
         order = np.argsort(f, kind="stable")
         if dip is not None:

@@ -69,7 +69,7 @@ class Output:
         self._lost: OSError | None = None
 
     def put(self, lines: Iterable[str]) -> None:
-        """Print lines at once."""
+        """Print lines to stdout as one text, if any; a failure is kept for `raise_if_lost`."""
         text = "\n".join(lines)
         if text and self._lost is None:
             try:

@@ -136,7 +136,7 @@ class SuiteTeller(SuiteListener):
             self._progress.update(len(self._outcomes), len(self._cases), self.line())
 
     def _lines(self, outcome: Outcome, done: int) -> list[str]:
-        """Return the lines on the `done`-th scenario: verdict, expectations, notes; if quiet, only failures."""
+        """Return the lines on the `done`-th scenario: verdict, expectations, notes; if quiet, not what passes."""
         if self._is_quiet and outcome.verdict == PASS:
             return []
         lines = [f"[{done}/{len(self._cases)}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]

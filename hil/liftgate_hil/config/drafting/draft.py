@@ -120,7 +120,7 @@ def _not_chosen(signals: Mapping[str, tuple[str, str]]) -> Iterator[str]:
 
 
 def _unused(text: str, messages: Mapping[str, Message], used: set[str], told: Collection[str]) -> Iterator[str]:
-    """Yield comments on signals of `used` messages not in `text` or `told`, on other messages and protection."""
+    """Yield comments on signals of `used` messages not in `text` or `told`, other messages, their protection."""
     left = [
         f"{name}.{signal.name}"
         for name in used
@@ -150,7 +150,7 @@ def _all(lines: Mapping[str, list[DraftLine]]) -> list[DraftLine]:
 
 
 def _by_side(found: Mapping[str, list[SignalCandidate]], tells_sides: bool) -> dict[str, list[SignalCandidate]]:
-    """Return the candidates by quantity, those of unknown side assigned to the left and right drive.
+    """Return candidates by quantity; those of unknown side go to the left drive or both, unless a side is known.
 
     A single candidate goes to the left drive, the only one of some gates. Several go to both drives, and so does a
     single one of a database that distinguishes sides.

@@ -77,7 +77,7 @@ def quoted(text: str) -> str:
 
 
 def line_for(section: str, quantity: str, candidate: SignalCandidate) -> DraftLine:
-    """Return the line that maps a quantity of a rig's `section` (inputs or outputs) to a candidate's signal.
+    """Return the line that maps a quantity (`section`: inputs, outputs) to a signal; commented out if in doubt.
 
     The line is commented out, with the reason, if the signal's unit, labels or range leave a doubt.
     """
@@ -121,7 +121,7 @@ def line_for(section: str, quantity: str, candidate: SignalCandidate) -> DraftLi
 
 
 def _share_by_range(line: DraftLine, signal: Signal) -> DraftLine:
-    """Return the line of a duty without a unit: range 0 to 100 is per cent, 0 to 1 a share, else unclear."""
+    """Complete a duty's line without unit by its range: up to 100 is %, up to 1 a share; else comment it out."""
     low, high = physical_range(signal)
     for top, unit in ((100.0, "%"), (1.0, "1")):
         is_fine = signal.is_float or abs(float(signal.scale)) <= 0.1 * top
@@ -135,7 +135,7 @@ def _share_by_range(line: DraftLine, signal: Signal) -> DraftLine:
 
 
 def _enumeration(line: DraftLine, signal: Signal, ours: tuple[str, ...]) -> DraftLine:
-    """Return the line of an enumeration: values by the signal's labels, or by the name of a one-bit signal."""
+    """Complete the line of an enumeration by labels, or a one-bit signal's name; comment it out if unsure."""
     kind = next((kind for end, kind in _ENUMERATIONS.items() if line.quantity.endswith(end)), "")
     choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
     labels = {label.casefold() for label in choices.values()}
@@ -166,7 +166,7 @@ def _enumeration(line: DraftLine, signal: Signal, ours: tuple[str, ...]) -> Draf
 
 
 def _flag(line: DraftLine, signal: Signal, kind: str) -> str:
-    """Return `values` of a one-bit signal whose name tells what 1 means; "" if it does not."""
+    """Return the TOML `values` of a one-bit signal whose name tells what 1 means; "" if it does not."""
     concepts = concepts_in(signal.name)
     words = {*words_of(signal.name)}
     if signal.length != 1 or words & _NEGATED:
@@ -213,7 +213,7 @@ def _remark_on_range(counter: Signal) -> str:
 
 
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
-    """Return the lines of a table [messages.NAME]; commented out if nothing of the message is mapped."""
+    """Return the lines of [messages.NAME]: cycle, counter, checksum; commented out if nothing of it is mapped."""
     counters = protections_of(message, "counter")
     lines = []
     if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
@@ -238,7 +238,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
 
 
 def _checksum_lines(signal: Signal) -> list[str]:
-    """Return lines with each kind of checksum as long as a signal, for the user to choose from."""
+    """Return commented-out lines with the kinds of checksum as long as a signal, for the user to choose from."""
     name = quoted(signal.name)
     kinds = ", ".join(kind for kind in KINDS if kind != "none")
     own = (

@@ -78,7 +78,7 @@ def _is_protection(name: str) -> bool:
 
 
 def panels_of(names: Sequence[str], table: Recording) -> list[list[str]]:
-    """Return columns grouped by panel: both drives' and their sensed values share one. Raises ConfigError."""
+    """Return columns by panel; both drives' and sensed ones share one. Raises ConfigError for too many panels."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:
         panels.setdefault(_panel_of(name, table), []).append(name)
@@ -108,7 +108,7 @@ def run_picture(
     units: Mapping[str, str],
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
-    """Plot columns of one recording over time, panels one below the other, with its marks (time [s], text)."""
+    """Return a figure of one recording's columns over time, a panel below the other; marks: (time [s], text)."""
     with sheet(HEIGHT * len(panels) + 0.6, title) as figure:
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axis, names in zip(axes, panels, strict=True):
@@ -152,7 +152,7 @@ def two_pictures(
     units: Mapping[str, str],
     time_tolerance: float,
 ) -> Figure:
-    """Plot columns of two recordings over each other, and beside them the second minus the first.
+    """Return a figure of two recordings' columns over each other, and beside them the second minus the first.
 
     The difference is that to the nearest row of the second recording, within `time_tolerance` [s].
     """

@@ -61,7 +61,7 @@ def draw(subject: FigureSubject) -> Drawn:
 
 
 def contact_of(columns: Columns, event: PinchEvent, limit: float) -> Pinch:
-    """Return a contact's peak force, impulse and time over a limit [N], summed over its rows as in the plant.
+    """Return a contact's peak force, its impulse, and its time over a limit [N], summed over rows as in the plant.
 
     Between rows the force is taken as a straight line, also from the row before the first touch.
     """

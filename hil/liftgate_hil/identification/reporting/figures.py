@@ -141,7 +141,7 @@ def _stems(axis: Axes, lags: np.ndarray, values: np.ndarray, band: float) -> Non
 
 
 def _wrapped(column: str) -> str:
-    """Return an axis label in lines that fit a panel: words, then the unit."""
+    """Return a column's axis label in lines that fit a panel: words, then the unit."""
     label = axis_label(column) if "_" in column else column_label(column)[0]
     words, bracket, unit = label.rpartition(" [")
     lines = wrap(words if bracket else label, _LETTERS)[:_MOST_LINES]
@@ -245,7 +245,7 @@ def loss_figure(result: Identification) -> Figure:
 
 
 def profile_figure(result: Identification) -> Figure:
-    """Draw the profile likelihood of each parameter, with the 95 % limit and interval."""
+    """Draw each requested profile likelihood of a parameter, with the 95 % limit and interval."""
     profiles = result.profiles
     units = {each.name: each.unit for each in result.parameters}
     across = min(max(len(profiles), 2), _ACROSS)

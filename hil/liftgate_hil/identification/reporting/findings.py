@@ -61,7 +61,7 @@ class Dependence(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Shift of the estimate, relative to its value."""
+        """Shift of the estimate relative to its magnitude, if the fixed parameter were 10 % larger."""
         return self.shift / abs(self.estimate.value)
 
 

@@ -53,7 +53,7 @@ def identification_text(result: Identification) -> str:
 
 
 def validation_text(result: Validation) -> str:
-    """Return fit, errors by phase and residuals of every experiment of a validation as text."""
+    """Return a validation as text: warnings, initial states, fits with residuals, errors by phase, notes."""
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(result.warnings)),

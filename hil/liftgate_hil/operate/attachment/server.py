@@ -154,7 +154,7 @@ class Server(Relay):
         return bool(self._connections)
 
     def ends(self, end: RunEnd) -> None:
-        """Store the report of the run's end for the clients."""
+        """Set the phase that clients see to ENDED, and store the report of the run's end for them."""
         self._phases.has_ended()
         self._end_report = {
             **end._asdict(),
