@@ -103,7 +103,7 @@ def test_lost_springs_are_drawn_without_force(page: Any) -> None:
     assert errors_in(page) == []
 
 
-def test_a_timed_out_command_is_not_drawn_as_active(page: Any) -> None:
+def test_a_command_that_timed_out_is_shown_as_timed_out_and_reported(page: Any) -> None:
     assert "timed out" not in text_of(page, "#command")
     page.execute_script("command({fault: {kind: 'frame_lost', where: 'left_duty', direction: 'received'}})")
     until(page, lambda _: "timed out," in text_of(page, "#command"))
@@ -131,7 +131,7 @@ def test_an_obstacle_placed_with_the_mouse_makes_the_ecu_reverse(page: Any) -> N
     assert errors_in(page) == []
 
 
-def test_the_drives_are_drawn_between_their_joints(page: Any) -> None:
+def test_the_left_drives_shaft_is_drawn_to_its_joint_on_the_gate(page: Any) -> None:
     """The shaft of the left drive ends at the gate's joint, beside which it is drawn at an offset of 7 units."""
     ends = page.execute_script(
         "const d = document.querySelector('.shaft.left').getAttribute('d').split('L')[1].split(' ');"

@@ -78,7 +78,7 @@ def test_keys_and_verdicts_are_in_the_index(browser: Any, manual: Path) -> None:
         assert place in text[text.index(term) + 1]
 
 
-def test_groups_of_the_sidebar_can_be_folded(browser: Any, manual: Path) -> None:
+def test_groups_of_the_sidebar_unfold_by_a_click_and_the_one_in_use_is_open(browser: Any, manual: Path) -> None:
     browser.get((manual / "index.html").as_uri())
     inside = browser.find_element("css selector", ".sidebar-tree li.has-children > ul")
     assert not inside.is_displayed()

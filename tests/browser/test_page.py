@@ -175,7 +175,7 @@ def test_states_arriving_faster_than_drawn_are_drawn_once_and_lose_no_log_line(p
     assert errors_in(page) == []
 
 
-def test_an_alarm_is_shown_at_the_top_once(page: Any) -> None:
+def test_an_alarm_is_shown_at_the_top_and_not_again_once_closed(page: Any) -> None:
     alarms = [[1, 0.0, "of before"], [10**9, 1e10, "9.000 s: can0 is bus-off"]]
     page.execute_script("showAlarms(arguments[0])", alarms)
     assert text_of(page, "#answer") == "9.000 s: can0 is bus-off"
@@ -276,7 +276,7 @@ def test_zooming_to_a_peak_before_the_charts_begin_states_its_value_and_time(pag
     assert page.execute_script("return find('end-peak').textContent") == ""
 
 
-def test_labels_of_a_database_are_escaped(page: Any) -> None:
+def test_markup_in_log_lines_messages_commands_and_verdicts_is_escaped(page: Any) -> None:
     page.execute_script(
         "showLog([[1e9, 0, 'ecu <img src=x onerror=document.title=1>']]);"
         "showMessages([{id: '1', name: '<b>x</b>', direction: 'sent', count: 1, cycle_ms: 1, data: '', "
@@ -339,7 +339,7 @@ def test_a_sensor_fault_shows_in_the_chart_of_its_signal_only(page: Any) -> None
     clear_all(page)
 
 
-def test_a_second_tab_shows_the_same_run(page: Any, address: str) -> None:
+def test_a_value_set_in_a_second_tab_is_in_force_and_shown_in_the_first(page: Any, address: str) -> None:
     first = page.current_window_handle
     page.switch_to.new_window("tab")
     try:

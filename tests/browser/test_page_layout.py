@@ -113,7 +113,7 @@ def test_the_obstacles_label_is_not_hidden_by_the_hand(page: Any) -> None:
         assert all(page.execute_script(apart))
 
 
-def test_scrolled_to_elements_are_not_hidden_by_the_header(page: Any) -> None:
+def test_a_control_scrolled_to_on_a_phone_is_not_hidden_by_the_header(page: Any) -> None:
     with window(page, *PHONE):
         tops = f"""{BOX}
             document.getElementById('fault-kind').scrollIntoView();

@@ -149,7 +149,7 @@ def test_a_recordings_page_shows_the_pinch_and_plays_the_motion(browser: Any, tm
         assert all("CONNECTION_REFUSED" in each for each in errors_in(browser))
 
 
-def test_a_recordings_page_states_an_earlier_peak_and_marks_unknown_values(browser: Any, tmp_path: Path) -> None:
+def test_a_recordings_page_states_a_peak_before_it_and_marks_unknown_values(browser: Any, tmp_path: Path) -> None:
     """The rows hold missed ticks, a pinch peak before they begin, and `fault.injected`, which names no fault."""
     columns = "time_s,gate_angle_deg,pinch_force_n,pinch_force_peak_n,ticks_missed,fault.injected"
     rows = "".join(f"{5 + 0.01 * k!r},30,0,90,{870 + k // 50},1\n" for k in range(150))
@@ -270,7 +270,7 @@ def test_the_page_of_an_ended_run_shows_a_recording_served_next_at_its_address(
         assert errors_in(browser) == []
 
 
-def test_every_control_is_reachable_by_keyboard(page: Any) -> None:
+def test_every_control_is_reachable_by_tab_and_shows_that_it_has_the_focus(page: Any) -> None:
     """Tab goes through every control that is shown, and each shows that it has the focus."""
     from selenium.webdriver import ActionChains, Keys
 
@@ -289,7 +289,7 @@ def test_every_control_is_reachable_by_keyboard(page: Any) -> None:
 
 
 @pytest.mark.parametrize("width", [1500, 420])
-def test_axe_finds_no_accessibility_issue_in_contrast_labels_or_roles(page: Any, width: int) -> None:
+def test_axe_finds_no_accessibility_violation_in_a_wide_or_narrow_window(page: Any, width: int) -> None:
     for each in ("#bus-view", "#trace-view", "#values"):
         click(page, f"{each} summary")
     page.set_window_size(width, 1400)

@@ -80,7 +80,7 @@ def laid_over(upper: Numbers, lower: Numbers) -> Numbers:
     return overlay(upper, lower)
 
 
-def test_fields_of_a_tuple_are_replaced_by_index():
+def test_the_fields_of_a_tuple_at_given_indices_are_replaced():
     numbers = Numbers(1.0, 2.0, 3.0)
     for run in (replaced, compiled(replaced)):
         assert run(numbers, np.array([1])) == Numbers(1.0, 10.0, 3.0)
@@ -103,7 +103,7 @@ def copied(target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start:
 
 @pytest.mark.parametrize("length", [0, 1, 31, 32, 33, 40])
 @pytest.mark.parametrize(("at", "start"), [(0, 0), (3, 60), (60, 3), (59, 59)])
-def test_a_copied_text_stays_within_source_and_target(length: int, at: int, start: int):
+def test_a_copied_text_changes_only_its_own_place_or_the_32_bytes_from_its_start(length: int, at: int, start: int):
     """Up to 32 bytes after the text may hold anything, as the next text is written there."""
     source = np.arange(1, 101, dtype=np.uint8)
     for run in (copied, compiled(copied)):
@@ -149,7 +149,7 @@ def cache_of(*folders: Path) -> str:
     )
 
 
-def test_an_edit_of_either_package_needs_new_machine_code_wherever_it_is_installed(tmp_path: Path):
+def test_machine_code_depends_on_edits_of_either_package_but_not_on_where_it_is_installed(tmp_path: Path):
     for source in SOURCES:  # beside each other, as a wheel puts them
         shutil.copytree(source, tmp_path / source.name)
     found = [cache_of(tmp_path)]

@@ -201,7 +201,7 @@ class Rows(np.ndarray):
     """An array subclass that machine code does not support."""
 
 
-def test_an_array_of_an_unknown_type_is_refused():
+def test_an_array_of_a_subclass_is_refused():
     with pytest.raises(TypeError, match="an array of a type"):
         compiled(first_of)(np.arange(3.0).view(Rows))
 
@@ -294,7 +294,7 @@ def made(told: NotingWatcher) -> float:
     return answer[1]
 
 
-def test_a_function_is_compiled_once_and_then_loaded(told: NotingWatcher, cache: Path):
+def test_a_function_is_compiled_once_then_loaded_from_files_private_to_its_user(told: NotingWatcher, cache: Path):
     made(told)
     assert told.said == ["compiles double"]
     made(told)
@@ -471,7 +471,7 @@ def text_sections(code: bytes) -> list[bytes]:
     return [each.data() for each in ObjectFileRef.from_data(code).sections() if each.is_text()]
 
 
-def test_entry_points_that_share_a_process_get_the_same_machine_code(started: list[subprocess.Popen[bytes]]):
+def test_a_shared_compiling_process_makes_the_same_code_as_separate_ones(started: list[subprocess.Popen[bytes]]):
     requests = [request_of(each) for each in (one_more, one_less)]
     alone = [child.compile_apart(each, lambda: None) for each in requests]
     assert [each.returncode for each in started] == [-9, -9]

@@ -233,7 +233,7 @@ def test_any_failing_operation_leaves_the_file_unchanged_and_no_temporary_files(
 
 
 @pytest.mark.parametrize("fails", ["fsync", "fchmod", None])
-def test_an_error_on_close_is_reported_only_before_the_data_are_on_disk(
+def test_a_failing_close_hides_no_earlier_error_and_is_ignored_once_the_data_are_on_disk(
     tmp_path: Path, path: Path, monkeypatch: pytest.MonkeyPatch, fails: str | None
 ) -> None:
     """Once the data are on disk, an error on closing the descriptor does no harm."""

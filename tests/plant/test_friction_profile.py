@@ -96,7 +96,7 @@ def test_friction_falls_by_running_in_and_rises_by_wear_over_the_cycles():
     assert factor(10000.0) == pytest.approx(1.2)
 
 
-def test_friction_profiles_of_runs_differ_by_their_seed():
+def test_friction_factors_of_runs_scatter_by_the_stated_deviation_and_repeat_with_their_seed():
     vehicle = ideal("friction.run_deviation=0.05")
     factors = np.array([profile_of(vehicle, seed).factor[:, 0] for seed in range(2000)])
     assert factors.mean() == pytest.approx(1.0, abs=0.004)

@@ -76,7 +76,7 @@ def test_a_closed_gate_rests_in_its_latch():
 
 @pytest.mark.parametrize("time", [0.0, 0.0124, 0.2])
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
-def test_releasing_the_detailed_latch_takes_time(time: float, step: float):
+def test_releasing_the_detailed_latch_takes_its_release_time(time: float, step: float):
     vehicle = built(f"latch.release_time={time}")
     start = closed_state(plant_of(vehicle), load_of(vehicle))
     rows = go(vehicle, start, COAST, 0.5, step, latch_released=1.0)

@@ -234,7 +234,7 @@ def test_a_part_of_a_current_path_has_the_same_values_there(part: tuple[float, f
 
 
 @pytest.mark.parametrize(("sampled", "duty", "share"), [(0, 0.5, 0.5), (0, -0.5, -0.5), (1, -0.5, -1.0)])
-def test_a_low_side_shunt_without_pwm_measures_the_source_current(sampled: int, duty: float, share: float) -> None:
+def test_low_side_shunts_without_pwm_show_mean_or_on_time_current(sampled: int, duty: float, share: float) -> None:
     keys = ["sensors.shunt_low_side=1", f"sensors.shunt_sampled_on={sampled}"]
     with Gate(vehicle="suv", settings=keys, ideal=True, initial=40.0) as gate:
         way = "open" if duty > 0.0 else "close"

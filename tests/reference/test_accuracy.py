@@ -197,7 +197,7 @@ def test_a_step_of_1_ms_meets_the_accuracy_limits(variant: str) -> None:
     assert max(error.angle, error.twist) < ANGLE_BAR, figures
 
 
-def test_an_obstacle_at_a_corner_changes_the_difference_of_the_currents() -> None:
+def test_an_obstacle_at_a_corner_makes_the_currents_differ_only_if_the_gate_twists() -> None:
     """Both drives of a rigid gate carry the same load; those of a twisting gate show the obstacle's side."""
 
     def apart(settings: list[str], phases: list[Phase]) -> tuple[float, float]:

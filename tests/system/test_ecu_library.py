@@ -131,7 +131,7 @@ def test_a_stop_request_makes_the_motors_coast_in_the_next_cycle(ecu: LibraryEcu
     assert bench.duties()[-1] < 0.0
 
 
-def test_a_gate_found_half_open_at_the_start_is_closed_into_its_latch(ecu: LibraryEcu) -> None:
+def test_a_gate_found_half_open_at_the_start_is_closed_into_its_latch_on_request(ecu: LibraryEcu) -> None:
     bench = Bench(ecu, gate := Gate(count=1500.0))
     bench.press(CLOSE, then=9.0)
     assert gate.latched

@@ -39,7 +39,7 @@ def run_here(script: Path, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_runs_in_its_folder_and_prints_its_result(script: Path, tmp_path: Path) -> None:
+def test_an_example_prints_and_leaves_its_own_folder_unchanged(script: Path, tmp_path: Path) -> None:
     if script.stem == "c_ecu" and shutil.which("cc") is None:
         pytest.skip("no C compiler")
     before = sorted(script.parent.iterdir())

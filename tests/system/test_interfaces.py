@@ -78,7 +78,7 @@ def last_angle(record: Path) -> float:
 
 
 @pytest.mark.parametrize("interface", [udp_multicast, slcan, serial, socketcand])
-def test_an_ecu_opens_the_gate_over_each_python_can_interface(
+def test_an_ecu_opens_the_gate_over_udp_multicast_slcan_serial_and_socketcand(
     tmp_path: Path, interface: Callable[[Path], contextlib.AbstractContextManager[Ends]]
 ) -> None:
     record = tmp_path / "run.csv"

@@ -28,7 +28,7 @@ def test_cases_of_the_study_are_repeatable_and_differ_by_their_number() -> None:
     assert vehicle_of(case(3).vehicle, "case 3") == vehicle_of(case(3).vehicle, "case 3")
 
 
-def test_the_studys_cases_cover_all_options() -> None:
+def test_the_studys_cases_cover_drives_modes_loads_latch_friction_torsion_and_temperature() -> None:
     cases = [case(number) for number in range(40)]
     phases = [phase for each in cases for phase in each.phases]
     tables = [each.vehicle for each in cases]
@@ -59,7 +59,7 @@ def test_the_accuracy_page_counts_cases_within_the_limits_and_lists_the_others()
     assert "- case 3: the reference gave up" in page
 
 
-def test_the_studys_points_cover_all_bridges() -> None:
+def test_the_studys_points_cover_all_kinds_of_freewheeling_and_duties_of_both_signs() -> None:
     points = [point(number) for number in range(60)]
     bridges = [each for one in points for each in one.bridges]
     assert {each.mode for each in bridges} == set(FREEWHEELING)

@@ -56,7 +56,7 @@ def lines(record: type, *names: str) -> str:
         ),
     ],
 )
-def test_the_defaults_of_a_scenarios_tables_are_as_documented(
+def test_the_defaults_of_obstacles_and_faults_in_a_scenario_are_as_documented(
     tmp_path: Path, record: type, table: str, names: tuple[str, ...]
 ) -> None:
     path, told, found = tmp_path / "scenario.toml", lines(record), []

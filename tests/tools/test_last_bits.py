@@ -77,7 +77,7 @@ def test_last_bits_are_changed_only_with_a_valid_seed(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.usefixtures("active")
-def test_end_times_flags_and_counts_keep_their_values_and_equal_drives_stay_equal() -> None:
+def test_ends_of_ranges_and_flags_keep_their_values_and_equal_drives_stay_equal() -> None:
     vehicle: Vehicle = vehicle_from("suv", ["motor.efficiency=1", "thermal.enabled=1"])
     other = last_bits.off(vehicle.left, "drive")
     assert moved(vehicle.left.motor.resistance, other.motor.resistance)
@@ -88,7 +88,7 @@ def test_end_times_flags_and_counts_keep_their_values_and_equal_drives_stay_equa
 
 
 @pytest.mark.usefixtures("active")
-def test_last_bits_of_all_kinds_of_values_are_changed() -> None:
+def test_last_bits_change_in_nested_values_and_arrays_but_not_of_0_1_integers_and_words() -> None:
     left, right, rod = DriveInput("open", 0.6), DriveInput("voltage", -6.0), Obstacle(0.5, 0.9, 2e4)
     phase = Phase(2.5, left, right, obstacle=rod, changes={"motor": {"resistance": 0.9}})
     other = last_bits.off(phase, "phase")

@@ -90,7 +90,7 @@ def text_of(name: str) -> str:
     return (DOCS / name).read_text(encoding="utf-8")
 
 
-def test_every_dependency_has_its_licence_in_the_manual() -> None:
+def test_the_licences_page_lists_exactly_the_dependencies() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = [each for extra in project["optional-dependencies"].values() for each in extra]
     needed = {Requirement(each).name for each in [*project["dependencies"], *extras]} - {project["name"]}

@@ -118,7 +118,7 @@ def test_samples_do_not_depend_on_the_grids_beside_them() -> None:
     ("method", "dimensions", "count"),
     [*(("lhs", 4, count) for count in (1, 7, 64, 100)), ("sobol", 1, 64), ("sobol", 3, 64)],
 )
-def test_samples_have_one_point_in_each_stratum(method: str, dimensions: int, count: int) -> None:
+def test_lhs_and_sobol_samples_have_one_point_in_each_stratum(method: str, dimensions: int, count: int) -> None:
     """Holds for Sobol samples only if their number is a power of two."""
     for each in shares_of(dimensions, count, method, 3).T:
         assert sorted(np.floor(each * count).astype(int).tolist()) == list(range(count))

@@ -85,7 +85,7 @@ def children_of(process: int) -> list[int]:
     return [int(each) for each in path.read_text().split()]
 
 
-def test_killing_worker_processes_loses_no_result_and_repeats_none(
+def test_killing_worker_processes_neither_loses_nor_duplicates_a_result_row(
     base: Base, expected: pa.Table, tmp_path: Path
 ) -> None:
     executor = Processes(base, 2)
@@ -204,7 +204,7 @@ def test_a_crashing_library_ends_only_a_child_process_and_its_static_variables_s
     assert not processes_in(tmp_path)
 
 
-def test_executors_leave_no_process_behind(base: Base, tmp_path: Path) -> None:
+def test_the_executor_of_processes_leaves_none_of_them_behind(base: Base, tmp_path: Path) -> None:
     before = set(children_of(os.getpid()))
     executor = Processes(base, 2)
     evaluated(tmp_path, base, executor, VALUES[:4], 2)

@@ -108,7 +108,7 @@ def test_only_the_ten_worst_variants_are_listed_with_ties_in_file_order(tmp_path
     assert [each.values[0] for each in summary_of(path, ["rod"], ["soft"]).worst] == list(range(20, 30))
 
 
-def test_names_with_dots_and_brackets_are_separate_columns(tmp_path: Path) -> None:
+def test_a_name_with_dots_or_brackets_is_not_taken_for_another_one_that_it_begins_with(tmp_path: Path) -> None:
     varied = {"gate.gravity_point[0]": [0.1, 0.2], "gate": [5.0, 6.0]}
     path = write(tmp_path / "r", ["pass", "fail"], varied, {"a": [1.0, 2.0], "a.b": [3.0, -4.0]})
     found = summary_of(path, list(varied), ["a", "a.b"])

@@ -296,7 +296,7 @@ def test_foreign_files_in_the_folder_do_not_count_as_batches(folder: Path) -> No
 OWN, OTHER = "0" * 32, "1" * 32
 
 
-def test_temporary_files_and_marks_of_killed_writers_are_removed_at_the_end(
+def test_a_campaign_that_ends_removes_only_its_own_temporary_files_and_marks(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Left behind are a batch and a mark of the campaign, and a mark of another campaign, which stays."""

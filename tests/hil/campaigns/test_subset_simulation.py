@@ -282,7 +282,7 @@ def test_no_more_margins_are_evaluated_than_allowed(probability: float, evaluati
         assert estimate(margin, 6, 0, rough_places(RARE, RARE, 6), evaluations).evaluations <= evaluations
 
 
-def test_the_level_probabilities_of_a_run_multiply_to_its_estimate() -> None:
+def test_an_estimate_lies_between_the_products_of_the_level_probabilities_of_its_runs() -> None:
     found = estimate(half_space(RARE), 100)
     runs = {level.run for level in found.levels}
     products = [math.prod(level.probability for level in found.levels if level.run == run) for run in runs]
@@ -298,7 +298,7 @@ def test_an_estimate_is_immutable() -> None:
         estimate(half_space(0.5), 2).probability = 0.0  # type: ignore[misc]
 
 
-def test_invalid_arguments_are_refused() -> None:
+def test_too_few_evaluations_and_pockets_or_margins_of_a_wrong_shape_are_refused() -> None:
     with pytest.raises(ValueError, match="999 evaluations are fewer than 1000"):
         next(subset_simulation(2, 0, None, 999))
     with pytest.raises(ValueError, match=r"pockets are \(1, 3\), not \(k, 2\)"):

@@ -137,7 +137,7 @@ def test_varied_values_are_written_to_the_last_bit(scenario: Path, tmp_path: Pat
     assert load_scenario(written(found, [value], tmp_path)).parameters["rod"] == value
 
 
-def test_everything_but_the_varied_values_is_as_in_the_campaigns_scenario(scenario: Path, tmp_path: Path) -> None:
+def test_duration_start_seed_and_requests_are_as_in_the_campaigns_scenario(scenario: Path, tmp_path: Path) -> None:
     found = campaign_of(scenario, "rod=1,2")
     made, own = load_scenario(written(found, [1e4], tmp_path)), load_scenario(scenario)
     assert made.parameters == own.parameters

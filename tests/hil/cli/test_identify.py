@@ -362,7 +362,7 @@ def test_wrong_flags_are_reported_one_per_line(
         assert part in line
 
 
-def test_input_files_and_just_written_files_are_not_overwritten(
+def test_results_are_not_written_over_an_input_or_two_of_them_to_one_file(
     capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
 ) -> None:
     before = opening.read_bytes()
@@ -622,7 +622,7 @@ def test_a_prior_with_a_too_small_deviation_is_refused(opening: Path, capsys: py
     assert "--prior motor.resistance=0.6:1e-300" in complaint(capsys, "identify", opening, *flags)[0]
 
 
-def test_a_report_does_not_replace_an_input_or_a_file_of_another_kind(
+def test_neither_html_page_nor_saved_vehicle_replaces_an_input_or_a_file_of_another_kind(
     opening: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture, recording, vehicle = (tmp_path / each for each in ("p.png", "r.csv", "v.toml"))

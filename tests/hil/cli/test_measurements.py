@@ -51,7 +51,7 @@ def test_without_flags_all_rows_of_a_file_are_used(drive: Path) -> None:
     ]
 
 
-def test_the_flags_cut_the_data_in_a_fixed_order(drive: Path) -> None:
+def test_time_and_angle_cuts_leave_the_longest_stretch_and_outliers_are_dropped(drive: Path) -> None:
     (m,) = measure(drive, "--from", 0.5, "--to", 2.9, "--cut-angle", "0:50", "--drop-outliers")
     # 0:50 holds from 0.5 s (30 deg) to 0.94 s and again from 2.06 s on: the second is longer.
     assert m.times[0] == pytest.approx(2.06, abs=0.003)

@@ -60,7 +60,7 @@ def test_signals_within_a_second_count_once_and_a_later_one_ends_the_process(
     assert "ended at once" in capfd.readouterr().err
 
 
-def test_a_long_foreign_call_is_interrupted_repeatedly(clock: Clock) -> None:
+def test_after_a_stop_signal_a_long_foreign_call_is_interrupted_repeatedly(clock: Clock) -> None:
     StopSignals()
     with FOREIGN:
         send(signal.SIGTERM)
@@ -71,7 +71,7 @@ def test_a_long_foreign_call_is_interrupted_repeatedly(clock: Clock) -> None:
     assert clock.timers == [(1.0, 0.2), (0.0,)]
 
 
-def test_foreign_calls_that_return_are_not_interrupted(clock: Clock) -> None:
+def test_after_a_stop_signal_foreign_calls_that_return_are_not_interrupted(clock: Clock) -> None:
     StopSignals()
     send(signal.SIGINT)
     for _ in range(5):

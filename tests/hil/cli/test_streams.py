@@ -71,7 +71,7 @@ def test_a_broken_pipe_is_not_reported(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("setting", ["PYTHONIOENCODING=ascii", "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0"])
-def test_characters_that_the_encoding_lacks_are_escaped(setting: str, tmp_path: Path) -> None:
+def test_a_command_runs_although_the_encoding_of_its_output_lacks_characters(setting: str, tmp_path: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", f'{setting} "$@"', "bash", *COMMAND, "demo", "--duration", "0.1", "--no-record"],
         cwd=tmp_path, capture_output=True, timeout=300, check=False,

@@ -422,7 +422,7 @@ def test_an_ecu_without_an_accepted_command_is_noted_and_its_prints_go_to_stderr
     assert "its own words" in error
 
 
-def test_a_shipped_scenario_is_named_with_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shipped_scenario_is_selected_by_its_folder_and_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "pack/stop_button"]) == 0
     assert "stops: pass" in capsys.readouterr().out
     for name in ("pack/none", "../none", "none"):
@@ -500,7 +500,7 @@ def test_a_failing_ecu_is_an_error_and_the_next_scenario_runs(
         ("not TOML", "not valid TOML"),
     ],
 )  # fmt: skip
-def test_mistakes_in_a_scenario_are_reported_before_any_run(
+def test_mistakes_in_a_scenario_are_reported_with_exit_code_2(
     text: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("s.toml").write_text(text)

@@ -117,7 +117,7 @@ def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
 
 
 @pytest.mark.parametrize("case", refusals(shipped_rig()))
-def test_a_refused_frame_counts_once_and_changes_nothing(rig: Rig, bus: BusConfig, fresh: Reception, case: str):
+def test_a_refused_frame_counts_once_and_changes_no_value(rig: Rig, bus: BusConfig, fresh: Reception, case: str):
     cause, frame = refusals(rig)[case]
     before, counts = take(bus, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
     after, total = take(bus, before, frame, counts=counts, now=5 * MS)

@@ -497,7 +497,7 @@ def test_a_signal_under_two_multiplexers_is_read_only_if_both_values_match(codec
     assert np.isnan(take(codec, bus, 100, elsewhere)[0][0])
 
 
-def test_a_signal_under_two_multiplexers_is_sent_with_both_values(codec: Codec):
+def test_a_signal_under_two_multiplexers_is_sent_with_the_values_of_both(codec: Codec):
     message = cantools.database.load_string(NESTED).messages[0]
     bus = bus_config_of({"M": message}, [SignalMapping("Deep", "M", "Deep")], sending=True)
     assert message.decode(put(codec, bus, [777.0])) == {"Outer": 1, "Inner": 2, "Deep": 777}

@@ -87,7 +87,7 @@ def issues_soon(load: Callable[[Path], Any], path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("load", LOADERS)
-def test_a_huge_number_of_unknown_keys_is_counted_and_not_listed(tmp_path: Path, load: Callable[[Path], Any]):
+def test_of_many_unknown_keys_20_are_listed_and_the_others_counted(tmp_path: Path, load: Callable[[Path], Any]):
     path = text_file(tmp_path / "x.toml", "".join(f"k{i}=1\n" for i in range(100_000)))
     issues = issues_soon(load, path)
     assert len([issue for issue in issues if ": unknown key; allowed" in issue]) == 20

@@ -263,7 +263,7 @@ def test_an_unreadable_database_is_refused_with_a_clear_message(tmp_path: Path, 
 LOG = "(0.000000) can0 341#1000\n(0.100000) can0 11F#01\n(0.200000) can0 341#2000\n"
 
 
-def test_every_command_with_a_database_reports_left_out_messages(
+def test_convert_judge_and_rig_report_messages_left_out_of_a_database(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)

@@ -43,7 +43,7 @@ def test_a_file_of_another_kind_is_refused_in_one_message(given: str, wanted: st
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_each_kind_of_file_has_its_characteristic_keys(kind: str):
+def test_a_shipped_file_of_each_kind_has_a_key_that_marks_its_kind(kind: str):
     assert read_toml(FILES[kind]).keys() & {*MARKS[kind]}
 
 
@@ -53,7 +53,7 @@ def test_a_file_with_a_known_key_gets_its_unknown_keys_reported(tmp_path: Path):
         load_scenario(path)
 
 
-def test_the_suffixes_of_other_kinds_are_those_of_databases_recordings_and_python():
+def test_files_known_to_be_no_toml_have_suffixes_of_databases_recordings_or_python():
     assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}, {".py"}]
 
 

@@ -67,7 +67,7 @@ def test_a_file_without_read_permission_is_not_reported_as_missing(tmp_path, mon
         read_bytes(path)
 
 
-def test_a_file_whose_name_is_not_utf8_is_read_as_raw_bytes(tmp_path):
+def test_a_file_whose_name_is_not_utf8_can_be_read(tmp_path):
     path = tmp_path / "x\udcff.toml"  # a name that is not UTF-8
     path.write_bytes(b"a\0\xff")
     assert issue_with(path) == ""

@@ -63,7 +63,7 @@ def faults_of(folder: Path, text: str, database: str = DATABASE) -> list[str]:
 REST_OF_THE_CAR = ("DriverRequest", "Body")  # the restbus's
 
 
-def test_the_shipped_rig_maps_every_signal_of_its_database():
+def test_the_shipped_rig_maps_every_signal_except_counters_checksums_and_the_restbus():
     rig = rig_from("liftgate")
     wired = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
     wired |= {(each.message, name) for each in rig.orders for name in each.signals.values()}
@@ -268,7 +268,7 @@ def test_an_unmapped_message_longer_than_any_frame_is_ignored(tmp_path: Path):
     rig_of(tmp_path, DATABASE.replace(" Slow: 8 ", " Slow: 1785 "), RIG)
 
 
-def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_an_issue(tmp_path: Path):
+def test_a_message_too_long_for_a_classic_frame_is_sent_as_can_fd(tmp_path: Path):
     database = DATABASE.replace(" Out: 8 ", " Out: 24 ")  # and no VFrameFormat
     rig = rig_of(tmp_path, database, RIG)
     assert rig.is_fd
@@ -390,7 +390,7 @@ def test_a_rig_outside_the_package_may_name_a_shipped_database(tmp_path: Path):
     assert rig.database.name == "liftgate.dbc"
 
 
-def test_loading_a_database_leaves_the_logger_unchanged(tmp_path: Path):
+def test_loading_a_database_leaves_the_handlers_of_cantools_logger_unchanged(tmp_path: Path):
     before = list(logging.getLogger("cantools").handlers)
     rig_of(tmp_path, DATABASE, RIG)
     assert logging.getLogger("cantools").handlers == before

@@ -197,7 +197,7 @@ def test_sent_messages_with_identifiers_of_diagnostics_are_refused(tmp_path: Pat
     )
 
 
-def test_the_shipped_rig_needs_no_conversion():
+def test_the_shipped_rig_converts_only_the_ages_of_edges_from_microseconds():
     from liftgate_hil.plan.setup import rig_from
 
     shipped = rig_from("liftgate")

@@ -155,7 +155,7 @@ def test_an_invalid_spread_is_reported_with_and_without_a_draw(tmp_path: Path, e
         assert all("spread." in line for line in str(caught.value).splitlines())
 
 
-def test_impossible_combinations_with_a_draw_are_refused(tmp_path: Path):
+def test_impossible_draws_ideal_cars_and_spreads_are_refused(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread]\ngate.mass = { relative = 0.1 }\n")
     with pytest.raises(errors.ConfigError, match="`draw` 1: allowed without `ideal`"):
         load_vehicle(path, draw=1, ideal=True)

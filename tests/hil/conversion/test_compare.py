@@ -361,7 +361,7 @@ def test_bus_logs_are_compared_by_their_frames_or_their_decoded_signals(
 
 
 @pytest.mark.parametrize("more", [[], ["--rig", "liftgate"]])
-def test_bus_logs_with_different_time_origins_are_equal(
+def test_bus_logs_of_the_same_wall_clock_times_are_equal_although_their_origins_differ(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
 ) -> None:
     """Two recordings of loggers that were started 4.25 s apart, as their timestamps show."""

@@ -59,7 +59,7 @@ def test_the_shown_command_is_the_last_frame_in_quantities_of_the_rig(view: BusV
     assert (message["count"], message["cycle_ms"], message["direction"]) == (2, 10.0, "received")
 
 
-def test_numbers_of_any_size_can_be_sent_as_json(view: BusView) -> None:
+def test_the_largest_value_of_a_64_bit_signal_can_be_sent_as_json(view: BusView) -> None:
     view.hear(frame(101, b"\xff" * 8))
     (message,) = view.messages()
     assert message["signals"]["Number"] == pytest.approx(16.0 * (2.0**64 - 1))

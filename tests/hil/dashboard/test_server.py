@@ -339,7 +339,7 @@ def test_an_ended_run_stays_on_the_page_and_refuses_commands(tmp_path: Path) -> 
         ("--bus virtual:own --read-only", "--read-only: allowed: together with --dashboard"),
     ],
 )
-def test_wrong_usage_is_one_line_and_exit_code_2_and_starts_no_run(
+def test_wrong_usage_of_the_dashboard_is_one_line_and_exit_code_2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: str, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -412,7 +412,7 @@ def test_the_answers_have_geometry_command_labels_and_histograms(client: Client)
     assert [high for _, high, _ in bars[:-1]] == [low for low, _, _ in bars[1:]]
 
 
-def test_curves_have_the_requested_columns_and_points(client: Client) -> None:
+def test_curves_have_the_requested_columns_and_at_most_the_requested_points(client: Client) -> None:
     plot = client.ask("/api/plot?columns=gate_angle_deg,left_current_a&points=10")[1]
     assert set(plot["low"]) == {"gate_angle_deg", "left_current_a"}
     assert 1 <= len(plot["time_s"]) <= 10

@@ -68,7 +68,7 @@ def test_messages_of_any_length_are_exchanged_in_both_directions_at_once(clock: 
     assert (theirs.got, ours.got) == ([there], [back])
 
 
-def test_frames_equal_those_of_can_isotp_byte_by_byte(clock: Clock) -> None:
+def test_a_first_frame_equals_that_of_can_isotp_and_flow_control_precedes_further_frames(clock: Clock) -> None:
     message = bytes(range(20))
     ours, theirs = Ours(padding=0xAA), Theirs(tx_padding=0xAA)
     ours.send(message)

@@ -81,7 +81,7 @@ def test_missing_kernel_preemption_is_a_warning(
     says(machine.kernel(root), level, words, "Linux 6.1.0")
 
 
-def test_a_single_cpu_is_a_warning(make: Make):
+def test_a_process_that_may_use_only_one_cpu_gets_a_warning(make: Make):
     root = make({"proc/cpuinfo": "model name\t: Fast One", f"{CPU}/online": "0-3"})
     says(machine.cpus(root, {0, 1, 2, 3}), "ok", "Fast One, 4 CPUs")
     says(machine.cpus(root, {2, 3}), "ok", "may use 2-3")

@@ -334,7 +334,7 @@ def test_a_latch_that_does_not_release_holds_the_gate() -> None:
     [("gate.mass", 40.0), ("left.motor.resistance", 0.9), ("spring.gas_force", 500.0),
      ("environment.road_slope_deg", 5.0), ("supply.internal_resistance", 0.2), ("sensors.current_gain", 1.1)],
 )  # fmt: skip
-def test_any_vehicle_parameter_may_change_while_the_gate_runs(key: str, value: float) -> None:
+def test_a_parameter_fault_has_the_same_effect_as_the_setting_of_the_vehicle(key: str, value: float) -> None:
     gate = lh.Gate(initial=30, seed=3, ideal=True)
     gate.fault("parameter", key=key, value=value)
     other = lh.Gate(initial=30, seed=3, ideal=True, settings=[f"{key}={value}"])

@@ -161,7 +161,7 @@ def test_gates_in_several_threads_give_the_same_results() -> None:
         (lambda gate: gate.step(float("nan")), "nan: allowed: above 0"),
     ],
 )
-def test_invalid_calls_are_refused_without_an_effect(call: Any, message: str) -> None:
+def test_invalid_calls_are_refused_and_no_time_passes(call: Any, message: str) -> None:
     with lh.Gate() as gate:
         with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
             call(gate)

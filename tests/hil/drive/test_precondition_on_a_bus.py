@@ -155,7 +155,7 @@ EXPECT = '[[expect]]\nname = "stands"\nalways = "gate_angle_deg > 0"\n'
 RESET = '[reset]\nsignal = "Body.Ignition"\nvalue = "off"\nhold_s = 0.3\n'
 
 
-def test_a_scenario_begins_with_a_reset_of_the_ecu(tmp_path: Path, on_bus: Any) -> None:
+def test_a_scenario_begins_with_the_reset_of_the_ecu_that_its_rig_states(tmp_path: Path, on_bus: Any) -> None:
     ecu, result = on_bus(scenario(tmp_path, EXPECT), rig_with(tmp_path, RESET))
     assert result.verdict == "pass", result.reason
     assert ecu.offs == 1

@@ -193,7 +193,7 @@ def test_frames_dropped_by_a_full_ecu_buffer_are_reported(scenario: Path) -> Non
     assert lh.run(scenario).summary.ecu_dropped_frames == 0
 
 
-def test_a_note_on_rig_and_rate_is_reported_before_the_run(scenario: Path) -> None:
+def test_a_note_on_rig_and_rate_is_reported_to_the_listener(scenario: Path) -> None:
     class Heard(Listener):
         def __init__(self) -> None:
             self.lines: list[str] = []

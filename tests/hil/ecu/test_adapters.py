@@ -148,7 +148,7 @@ def test_an_ecu_gets_requests_at_their_time_before_its_step(
 
 
 @pytest.mark.parametrize("kind", [each for each in KINDS if each != "object"])
-def test_each_run_begins_with_a_fresh_ecu(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
+def test_a_named_ecu_is_made_anew_for_each_run(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
     scenario, logs = Scenario(NO_STIMULI, (), 0.05), []
     for number in range(2):
         path = tmp_path / f"{number}.log"

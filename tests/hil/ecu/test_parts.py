@@ -423,6 +423,6 @@ def test_checksums_over_all_control_cycles_are_the_same_in_machine_code_and_pyth
 
 
 @pytest.mark.parametrize(("cycle_ms", "samples"), [(1.0, 5), (5.0, 1), (7.5, 2), (10.0, 2), (20.0, 2)])
-def test_at_least_two_unfiltered_samples_make_an_obstacle(cycle_ms: float, samples: int) -> None:
+def test_cycles_longer_than_the_load_filter_take_two_samples_per_obstacle(cycle_ms: float, samples: int) -> None:
     """With currents every 10 ms and a voltage in steps of 0.1 V, one sample stopped every second closing."""
     assert constants_of(C, 1e-3 * cycle_ms).samples == samples

@@ -264,7 +264,7 @@ def test_a_mark_is_a_comment_in_text_logs(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", RECORDED)
-def test_a_mark_does_not_change_rows_or_frames(tmp_path: Path, suffix: str) -> None:
+def test_a_mark_does_not_change_the_number_of_rows_and_frames(tmp_path: Path, suffix: str) -> None:
     found = open_recording(written(tmp_path / f"run{suffix}"))
     rows = sum(len(block) for block in found.rows(["time_s"])) if found.signals else 0
     assert rows == (6 if FORMATS[suffix].has_rows else 0)

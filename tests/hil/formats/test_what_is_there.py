@@ -225,7 +225,7 @@ def test_a_table_of_this_program_with_added_lines_counts_as_foreign(tmp_path: Pa
     assert not _is_our_table(path.read_bytes(), path.read_bytes())
 
 
-def test_a_table_rewritten_by_pandas_counts_as_foreign(tmp_path: Path) -> None:
+def test_a_table_with_our_columns_but_fewer_rows_is_kept_as_foreign(tmp_path: Path) -> None:
     """It has our columns, but other content."""
     path = tmp_path / "run.csv"
     head, *rows = record(path, 0).splitlines(keepends=True)

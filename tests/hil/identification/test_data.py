@@ -233,7 +233,7 @@ def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: floa
 @pytest.mark.parametrize(
     ("angle_deg", "cut", "expected"), [(0.0, 0.0, False), (0.0, 2.0, True), (30.0, 0.0, True)]
 )
-def test_warmth_and_play_of_a_resting_gate_are_estimated_unless_it_rested_long_or_its_angle_is_known(
+def test_warmth_and_play_of_a_resting_gate_are_estimated_unless_closed_at_time_0_or_of_known_angle(
     angle_deg: float, cut: float, expected: bool
 ) -> None:
     data = pause(vehicle_from("heavy-suv"), angle_deg, {**POSITION, **ANGLE}, cut)

@@ -69,7 +69,7 @@ def test_a_current_without_rest_before_the_delayed_voltage_is_not_reported_as_an
     assert offsets_at_rest(dataclasses.replace(problem, delay=-0.06)) == []
 
 
-def test_the_current_of_a_motor_turned_by_hand_is_no_offset() -> None:
+def test_the_current_of_a_motor_seen_to_be_turned_by_hand_is_no_offset() -> None:
     data = later_driven(first=9.0, hand_force_n=400.0)
     assert float(np.ptp(data.outputs["left_position_rev"])) > 5.0
     assert offsets_at_rest(problem_of(data)) == []

@@ -30,7 +30,7 @@ from tests.plant.runs import suv
 
 
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
-def test_the_true_vehicle_fits_every_sample_of_thinned_data(rate: float | None, factor: int) -> None:
+def test_the_true_vehicle_fits_every_sample_of_thinned_data_except_speeds(rate: float | None, factor: int) -> None:
     few = thinned(opening(None), rate, factor, QUANTUM)
     for experiment in validated(thinned_problem(few, "true")).experiments:
         for series in experiment.series:
@@ -45,7 +45,7 @@ def test_estimates_from_thinned_data_agree_with_the_truth(kind: tuple[float | No
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.75])
-def test_estimates_do_not_depend_on_the_phase_of_the_counter_edges(phase: float) -> None:
+def test_estimates_agree_with_the_truth_at_any_phase_of_the_counter_edges(phase: float) -> None:
     data = opening(2, QUANTUM)
     true = opening(2).outputs["left_position_rev"]
     counts = np.floor(true / QUANTUM + phase) * QUANTUM
@@ -100,7 +100,7 @@ def test_a_part_of_the_data_has_the_inputs_in_force_during_it() -> None:
     assert np.allclose(part.thinned("any", part.rows), part.times, atol=1e-12)
 
 
-def test_a_search_from_a_distant_start_uses_pieces_of_thinned_data() -> None:
+def test_a_search_from_a_distant_start_in_thinned_data_finds_the_truth() -> None:
     few = thinned(opening(3), None, 20, QUANTUM)
     far = true_vehicle({"motor.resistance": 2.5, "motor.torque_constant": 0.02})
     given = Problem(far, "full", sought(list(THINNED_TRUTH), far), [few], list(few.outputs), 0.0)
@@ -157,7 +157,7 @@ def test_inputs_that_change_at_every_row_are_averaged_in_a_coarse_problem() -> N
     assert len(volts) == 401
 
 
-def test_an_output_with_a_slower_raster_keeps_all_its_samples() -> None:
+def test_an_output_with_a_slower_raster_keeps_all_its_samples_in_a_coarse_problem() -> None:
     data = run()
     thin = data.outputs["gate_angle_deg"].copy()
     thin[np.arange(len(thin)) % 100 != 7] = np.nan

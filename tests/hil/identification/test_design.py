@@ -90,7 +90,7 @@ def test_each_further_planned_experiment_adds_information() -> None:
     assert found.order[0].candidate.name == found.ranked[0].candidate.name
 
 
-def test_an_experiment_on_a_slope_separates_mass_from_preload() -> None:
+def test_a_plan_to_separate_mass_from_preload_has_experiments_on_two_slopes() -> None:
     vehicle = suv()
     offered = [c for c in candidates(vehicle, 2.0, 200.0) if c.name.startswith("step to full")]
     names = ["gate.mass", "spring.preload"]

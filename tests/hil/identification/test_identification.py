@@ -111,7 +111,7 @@ def test_the_zero_of_a_position_counter_is_recovered(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_angle_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) -> None:
+def test_the_initial_position_of_a_gate_at_rest_is_estimated(vehicle: Vehicle, model: str) -> None:
     data = measured(vehicle, model, seed=2, angle_deg=30.0)
     result = estimated(vehicle, model, [*TRUTH], [data], None)
     place = result.initial_states[0]
@@ -238,7 +238,7 @@ def test_inputs_that_excite_no_motion_are_refused(vehicle: Vehicle) -> None:
         (2.0, {}, "with inputs half as large it follows (fit 9"),
     ],
 )
-def test_an_output_in_another_unit_or_sign_is_named_as_the_likely_cause_of_a_misfit(
+def test_a_misfit_is_refused_and_another_unit_or_sign_named_as_its_likely_cause(
     voltage: float, change: dict[str, float], said: str
 ) -> None:
     vehicle = true_vehicle()

@@ -84,7 +84,7 @@ def test_the_scatter_estimate_does_not_suffer_from_inseparable_parameters() -> N
     assert found[1].input_jitter == pytest.approx(found[0].input_jitter, rel=0.02)
 
 
-def test_frames_of_one_cycle_share_their_timestamp_error() -> None:
+def test_commands_to_both_drives_in_one_cycle_share_their_timestamp_error() -> None:
     # The right drive's command comes a quarter of a millisecond after the left one's.
     data = stamped(0.0, 8)
     rows = changes_of(data)

@@ -62,7 +62,7 @@ def test_a_step_minimizes_within_bounds_and_half_spaces(seed: int) -> None:
     assert step == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_step_ends_at_the_nearest_point_of_a_curved_limit() -> None:
+def test_steps_end_at_the_nearest_point_of_a_curved_limit() -> None:
     """From inside a circle to its point nearest to the unconstrained step."""
     goal, radius = np.array([3.0, 1.0]), 0.8
     x, far = np.zeros(2), np.full(2, 9.0)
@@ -102,7 +102,7 @@ def test_the_estimated_motor_constants_do_not_create_energy() -> None:
     assert least < min(others)
 
 
-def test_a_single_motor_constant_at_its_limit_is_reported_as_not_identified() -> None:
+def test_an_identification_of_a_single_motor_constant_at_its_limit_is_refused() -> None:
     vehicle = suv()
     data = measured(strong(), seed=1)
     with pytest.raises(NothingToTellError, match=r"at a limit for valid vehicles: .* energy"):

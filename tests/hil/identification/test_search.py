@@ -202,7 +202,7 @@ def test_fixed_unknowns_keep_their_values_in_a_search() -> None:
         (["motor.resistance", "motor.load_torque"], "gear.friction_torque", 1),  # of one sum with the last
     ],
 )
-def test_a_parameter_without_effect_does_not_disturb_the_search(names: list[str], added: str, known: int) -> None:
+def test_parameters_without_own_effect_do_not_disturb_a_search(names: list[str], added: str, known: int) -> None:
     data = [measured(true_vehicle(), seed=1)]
     alone, beside = (search(problem(each, data)) for each in (names, [*names, added]))
     assert beside.point[:known] == pytest.approx(alone.point[:known], rel=1e-6)

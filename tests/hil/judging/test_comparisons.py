@@ -59,7 +59,7 @@ def test_the_sides_of_a_comparison_are_calculated_as_written() -> None:
         "2 * -(gate_angle_deg + 1)",
     ],
 )
-def test_parentheses_are_kept_only_where_needed(side: str) -> None:
+def test_needed_parentheses_are_kept_in_the_text_of_a_comparison(side: str) -> None:
     (comparison,) = comparisons_of(parsed(f"{side} > 0", {}))
     assert comparison.left.text == side
 

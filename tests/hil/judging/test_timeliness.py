@@ -80,7 +80,7 @@ def test_a_bench_late_within_the_window_makes_the_verdict_inconclusive(
 @pytest.mark.parametrize(
     ("name", "tick"), [("ticks_missed", 500), ("ticks_missed", 2500), ("frames_dropped", 2500)]
 )
-def test_lateness_outside_the_window_leaves_the_verdict(name: str, tick: int) -> None:
+def test_ticks_missed_outside_or_frames_lost_after_the_window_leave_the_verdict(name: str, tick: int) -> None:
     assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
 
 
@@ -190,7 +190,7 @@ def test_rows_without_timing_columns_count_as_on_time() -> None:
     assert own.worst(0.0, 10.0).seconds == 0.0
 
 
-def test_memory_for_timeliness_does_not_grow_with_the_rows() -> None:
+def test_memory_for_timeliness_grows_with_the_seconds_and_not_with_the_rows() -> None:
     own = Timeliness(0.0, 0.001)
     for second in range(20):
         rows = rows_of(1000)

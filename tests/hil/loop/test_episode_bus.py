@@ -156,7 +156,7 @@ def test_many_frames_in_one_tick_all_arrive_in_order(log: tuple[Path, ...]) -> N
     assert result.summary.bus_load_percent == pytest.approx(percent)
 
 
-def test_frames_of_every_kind_are_sent_and_received(rig: Rig, log: tuple[Path, ...]) -> None:
+def test_frames_of_every_kind_from_the_ecu_are_received_and_recorded(rig: Rig, log: tuple[Path, ...]) -> None:
     kinds = [
         message(0x7FF, b"\xff"),
         message(0x000),

@@ -48,7 +48,7 @@ def group(folder: str, allowed: object, used: int, given_up: int = 0) -> dict[st
         (300 * MIB, 400, 0, 0),
     ],
 )
-def test_memory_is_locked_only_if_the_control_group_has_room_for_the_touched_memory(
+def test_a_control_group_without_room_for_the_touched_memory_is_reported(
     tmp_path: Path, allowed: object, used: int, given_up: int, left: int | None
 ) -> None:
     root = machine(tmp_path, "0::/a/b", **group("sys__fs__cgroup__a__b", allowed, used, given_up))

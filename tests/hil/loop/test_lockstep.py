@@ -281,7 +281,7 @@ class Refilled(Wire):
         return super().receive(timeout)
 
 
-def test_commands_after_a_flood_of_other_frames_are_not_late(rig: Rig):
+def test_a_command_after_a_flood_of_other_frames_is_read_in_the_same_round(rig: Rig):
     wire = Refilled(rig)
     loop = loop_of(wire, loop_config(rig=rig))
     run_lockstep(loop, PERIOD, 50, never)

@@ -281,7 +281,7 @@ def test_a_frame_of_another_gate_is_not_also_reported_as_unknown():
 
 
 @pytest.mark.parametrize("apart", ["", APART])
-def test_another_gate_on_the_bus_is_reported_once_with_or_without_commands(apart: str):
+def test_another_gate_on_the_bus_is_reported_once_with_how_to_separate_benches_if_known(apart: str):
     bench = Bench(apart)
     bench.look()
     for number in range(3):

@@ -666,7 +666,7 @@ REAL = EPOCH + START
         (2**62, 0),
     ],
 )
-def test_an_arrival_time_lies_between_the_last_read_and_now(stamp: int, age: int):
+def test_an_arrival_time_is_never_after_now_and_a_kernels_never_before_the_last_read(stamp: int, age: int):
     # All that was there was last read a second ago.
     assert arrival_of(stamp, START, REAL, START - 10**9) == START - age
 
@@ -980,7 +980,7 @@ def test_rows_overwritten_before_they_were_judged_are_counted(ready: Callable[..
     ("is_ours", "takes", "waits", "is_the_bench"),
     [(True, 0.3, 0.0, True), (False, 0.3, 0.0, False), (True, 0.0, 0.3, True), (False, 0.0, 0.3, True)],
 )  # fmt: skip
-def test_time_an_ecu_in_this_process_waits_is_bench_delay_and_its_run_time_is_not(
+def test_any_waiting_and_the_run_time_of_own_peers_are_bench_delay_but_not_that_of_a_users_ecu(
     ready: Callable[..., RealtimeRun], is_ours: bool, takes: float, waits: float, is_the_bench: bool
 ):
     peer = Slow(is_ours, takes)

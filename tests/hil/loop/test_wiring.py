@@ -97,7 +97,7 @@ def test_every_output_signal_carries_the_value_of_its_name(whole: Rig, which: st
     assert len(set(found.values())) == len(BUS_OUTPUTS)
 
 
-def test_a_tick_outputs_readings_true_values_and_commands(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tick_returns_its_rows_and_sends_every_output_value(whole: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = distinct(Rows)
     status = Status(
         tick_overruns=107.0,

@@ -127,7 +127,7 @@ def test_a_map_prefers_the_exact_column_name_to_one_with_a_unit_or_a_catalogue_n
     assert np.allclose(read(path, "left_current_a=Iq[A]").columns["left_current_a"], TIMES)
 
 
-def test_brackets_without_a_unit_belong_to_the_name_and_columns_may_differ_in_unit(tmp_path: Path) -> None:
+def test_brackets_without_a_unit_belong_to_the_name_and_names_may_differ_in_unit_alone(tmp_path: Path) -> None:
     columns = {"time_s": TIMES, "voltage_v": TIMES, "I[0]": TIMES, "Iq [A]": TIMES, "Iq [mA]": TIMES * 1e3}
     path = write_csv(tmp_path / "m.csv", columns)
     file = tmp_path / "map.toml"

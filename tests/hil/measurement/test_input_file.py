@@ -181,7 +181,7 @@ def test_issues_of_a_wrong_input_file_are_reported(tmp_path: Path, text: str, sa
         read_samples(table(tmp_path, text), {})
 
 
-def test_unused_columns_are_named_except_those_of_a_recording(tmp_path: Path) -> None:
+def test_unused_columns_are_named_unless_recordings_have_such_a_column(tmp_path: Path) -> None:
     path = table(tmp_path, "time_s,voltage_v,slope,left_current_a [mA],latched\n0,0,5,0,1\n1,12,5,3,1\n")
     assert read_samples(path, {})[1] == ("ignored, as no input has this name: slope",)
 

@@ -105,7 +105,7 @@ def test_the_output_of_simulate_is_a_measurement_without_a_map(tmp_path: Path) -
             assert np.array_equal(values, columns[suffix][name])
 
 
-def test_a_recording_channel_missing_in_an_mf4_table_is_refused(tmp_path: Path) -> None:
+def test_an_mf4_table_without_the_given_recording_channel_is_refused(tmp_path: Path) -> None:
     """The options for reading recordings also apply to tables that are read as measurements."""
     path, rig = tmp_path / "run.mf4", rig_from("liftgate")
     lh.run("demo", duration=0.1, record=path)

@@ -234,7 +234,7 @@ def test_marks_go_to_the_runs_own_recording_and_further_files_to_its_folder(
     assert bench.recording.in_force() is None
 
 
-def test_a_further_recording_that_cannot_be_opened_is_reported_and_the_run_goes_on(
+def test_a_further_recording_not_ready_in_time_is_reported_and_another_can_be_started(
     bench: Bench, memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("liftgate_hil.isolate.recorder_process._READY_S", 0.0)
@@ -252,7 +252,7 @@ def process_of(bench: Bench) -> int:
     return bench.recording._process._process.pid
 
 
-def test_a_stalled_recorder_does_not_block_commands(bench: Bench) -> None:
+def test_marks_for_a_stalled_recorder_are_refused_without_waiting(bench: Bench) -> None:
     """Once the recorder's pipe is full, marks are refused without waiting."""
     bench.recording.start("x.mf4")
     until(bench.recording, RECORDING)

@@ -369,7 +369,7 @@ def test_faults_of_test_bench_and_operator_are_active_side_by_side(tmp_path: Pat
     assert_same(theirs, ours)
 
 
-def test_a_quick_series_of_settings_is_logged_as_its_last_one(tmp_path: Path) -> None:
+def test_of_a_quick_series_of_settings_first_and_last_are_logged_and_the_last_is_listed(tmp_path: Path) -> None:
     """A slider sends ten a second; another quantity, or a pause, begins another series."""
     commands: dict[float, list[object]] = {0.1 + 0.05 * k: [{"set": {"hand_force_n": 10 * k}}] for k in range(6)}
     commands[0.45] = [{"set": {"road_slope_deg": 2}}]

@@ -331,7 +331,7 @@ eventually = "gate_angle_deg > 42"
 """
 
 
-def test_runs_with_bus_faults_repeat_bit_for_bit_on_free_and_lockstep_clocks(tmp_path: Path) -> None:
+def test_runs_with_bus_faults_repeat_bit_for_bit_and_have_equal_frames_in_lockstep(tmp_path: Path) -> None:
     path = text_file(tmp_path / "s.toml", SCENARIO)
     logs = []
     for name, clock in (("a", "free"), ("b", "free"), ("c", "lockstep")):

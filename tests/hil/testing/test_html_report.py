@@ -233,7 +233,7 @@ def test_time_itself_is_drawn_only_if_a_condition_has_no_other_signal(tmp_path: 
         assert ("time_s [s]" in Page(html_of([outcome])).text) == drawn
 
 
-def test_passed_scenarios_are_folded_and_others_are_open(page: Any) -> None:
+def test_passed_expectations_are_folded_and_others_are_open(page: Any) -> None:
     assert re.search(r'<details id="s1e1" open>', page.html)
     assert re.search(r'<details id="s1e2">', page.html)
     assert re.search(r'<details id="s1e4" open>', page.html)

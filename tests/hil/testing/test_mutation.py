@@ -219,7 +219,7 @@ def test_an_expectation_that_kills_none_is_found_where_requests_wait_for_the_gat
 
 
 @pytest.mark.parametrize("more", [["--ecu", "x.so"], ["--clock", "lockstep"]])
-def test_only_the_reference_ecu_has_mutants(
+def test_mutants_are_refused_with_another_ecu_or_the_lockstep_clock(
     tmp_path: Path, more: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "s.toml"

@@ -268,7 +268,7 @@ class Resets(Counts):
         self.calls = 0
 
 
-def test_an_ecu_object_is_reset_by_its_own_method_or_not_at_all(tmp_path: Path) -> None:
+def test_an_ecu_object_is_reset_by_its_own_method_or_makes_the_run_an_error(tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     lh.run(scenario(tmp_path, RESET, 3.0), Resets(), record=log)
     assert calls(log).count(1) == 2

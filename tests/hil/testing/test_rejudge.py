@@ -171,7 +171,7 @@ within_s = 0.5
     "cut", ["run.csv", "run.log", "run.parquet", "run.blf", "run.mf4", "run.mcap", "run.asc", "run.trc"]
 )
 @pytest.mark.parametrize("where", [0.6, 0.6003])
-def test_recordings_left_by_a_killed_recorder_never_pass(
+def test_recordings_left_by_a_killed_recorder_are_refused_or_inconclusive_from_their_end_on(
     run: tuple[Path, lh.Result], tmp_path: Path, cut: str, where: float
 ) -> None:
     folder, _ = run

@@ -79,7 +79,7 @@ def test_hostile_names_give_valid_json(hostile):
 
 
 @pytest.mark.parametrize("name", ["", "missing/result.json", ".", "a\0b", "x" * 5000])
-def test_a_result_file_that_cannot_be_written_is_refused_before_the_run(name, tmp_path, monkeypatch):
+def test_the_check_of_a_result_path_refuses_one_that_cannot_be_written(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^`result` "):
         check_target(name, "result")

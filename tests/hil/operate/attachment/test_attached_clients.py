@@ -428,7 +428,7 @@ def test_each_log_line_is_sent_once_and_the_last_200_are_kept(server: tuple[Serv
     client.close()
 
 
-def test_an_alarm_is_logged_and_sent_to_every_client(server: tuple[Server, Memory]) -> None:
+def test_an_alarm_is_logged_and_contained_in_each_later_answer_to_a_client(server: tuple[Server, Memory]) -> None:
     client = Client(os.getpid())
     server[0].say("before")
     server[0].alarm("1.000 s: can0 is bus-off")
