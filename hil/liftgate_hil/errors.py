@@ -203,7 +203,7 @@ class ConfigIssues:
         self._settled: set[str] = set()
 
     def add(self, key: str, message: str) -> None:
-        """Add an issue about a key, unless the key is settled."""
+        """Add an issue about a key, unless `settle` has suppressed the key's issues."""
         if key not in self._settled:
             self.take([f"{self.called(key)}: {message}"])
 

@@ -25,7 +25,7 @@ CUT = 2.0  # value of `DriveInput.coast`: not even the diodes have a circuit
 
 
 class Bridge(NamedTuple):
-    """Table `[bridge]` of the vehicle file."""
+    """Table `[bridge]` of the vehicle file: diodes, PWM frequency and freewheeling of the H-bridges."""
 
     diode_drop: Annotated[float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")] = (
         0.7

@@ -20,7 +20,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Clutch(NamedTuple):
-    """Table `[clutch]` of the vehicle file."""
+    """Table `[clutch]` of the vehicle file: the spindle's slip clutch."""
 
     torque: Annotated[
         float, Quantity("T_c", "N m", 0.0, 1e3, "torque on the spindle at which the clutch slips; 0: none")

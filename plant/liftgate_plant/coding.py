@@ -8,7 +8,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Coding(NamedTuple):
-    """Table `[coding]` of the vehicle file."""
+    """Table `[coding]` of the vehicle file: how the reference ECU is coded for this vehicle."""
 
     closing_speed: Annotated[
         float, Quantity("", "1", 0.2, 2.0, "factor on the reference ECU's calibrated closing speed")

@@ -21,7 +21,7 @@ _MOST = 1e6  # Ω, upper limit of R
 
 
 class Cutout(NamedTuple):
-    """Table `[cutout]` of the vehicle file."""
+    """Table `[cutout]` of the vehicle file: the PTC thermistor in series with a motor."""
 
     resistance: Annotated[
         float, Quantity("R_0", "Ω", 0.0, 10.0, "resistance of the PTC thermistor when cold; 0: none")

@@ -302,7 +302,7 @@ def electric_of(
     phi: Phi,
     step: float,
 ) -> Electric:
-    """Return one drive's electrical model from the solved windings; `line` is its own, by `winding_of`.
+    """Return one drive's electrical model for a step; `line` is what `winding_of` returned for it.
 
     A coasting motor whose current ends is treated as switched off until its back-EMF drives a current the other
     way.

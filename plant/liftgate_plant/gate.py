@@ -23,7 +23,7 @@ _METRES = Quantity("", "m", -10.0, 10.0, "[x, y] in the closed position, x rearw
 
 
 class GateParameters(NamedTuple):
-    """Table `[gate]` of the vehicle file."""
+    """Table `[gate]` of the vehicle file: mass, size, joints and hinge of the gate."""
 
     mass: Annotated[float, Quantity("m", "kg", 0.1, 1e3, "mass of the gate without the drives")]
     length: Annotated[float, Quantity("L_L", "m", 0.01, 10.0, "length of the plate")]

@@ -368,7 +368,7 @@ def read_hall(
 
 
 def initial_halls(encoder: Encoder, left: MotorShaft, right: MotorShaft) -> Any:
-    """Return the initial state (2,) HALL of the Hall sensors, with counts that match the shafts.
+    """Return the initial states (2,) HALL of both drives' Hall sensors, with counts that match the shafts.
 
     A count is that of a decoder that was 0 at position 0.
     """

@@ -15,7 +15,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Motor(NamedTuple):
-    """Table `[motor]` of the vehicle file."""
+    """Table `[motor]` of the vehicle file: the DC motor of a drive."""
 
     resistance: Annotated[float, Quantity("R", "Ω", 1e-3, 1e3, "resistance of winding and leads at 20 °C")]
     inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "inductance of the winding")]

@@ -9,7 +9,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Seal(NamedTuple):
-    """Table `[seal]` of the vehicle file."""
+    """Table `[seal]` of the vehicle file: the rubber seal that pushes the closed gate open."""
 
     force: Annotated[float, Quantity("F_20", "N", 0.0, 1e5, "force when closed")]
     stiffness: Annotated[float, Quantity("k_2", "N/m", 0.0, 1e9, "stiffness over the spindle's stroke")]

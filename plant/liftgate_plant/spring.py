@@ -17,7 +17,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Spring(NamedTuple):
-    """Table `[spring]` of the vehicle file."""
+    """Table `[spring]` of the vehicle file: coil and gas spring of a drive, and its end stops."""
 
     stiffness: Annotated[float, Quantity("k", "N/m", 0.0, 1e6, "stiffness of the coil spring")]
     preload: Annotated[float, Quantity("F_F0", "N", 0.0, 1e5, "force of the coil spring when extended")]

@@ -15,7 +15,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Supply(NamedTuple):
-    """Table `[supply]` of the vehicle file."""
+    """Table `[supply]` of the vehicle file: source voltage and resistance up to the bridges."""
 
     voltage: Annotated[float, signals.SUPPLY_VOLTAGE.parameter("U_source")]
     internal_resistance: Annotated[

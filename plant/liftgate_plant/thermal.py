@@ -17,7 +17,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Thermal(NamedTuple):
-    """Table `[thermal]` of the vehicle file."""
+    """Table `[thermal]` of the vehicle file: how motors heat up, and its effect on resistance and flux."""
 
     enabled: Annotated[float, Quantity("", "1", 0.0, 1.0, "1: the motor heats up")] = 0.0
     winding_resistance: Annotated[

@@ -16,7 +16,7 @@ from liftgate_plant.quantity import Points, Quantity
 
 
 class Gear(NamedTuple):
-    """Table `[gear]` of the vehicle file."""
+    """Table `[gear]` of the vehicle file: ratio, inertia, losses and backlash."""
 
     ratio: Annotated[float, Quantity("r", "1", 1.0, 1e4, "motor revolutions per spindle revolution")]
     inertia: Annotated[float, Quantity("J_G", "kg m²", 0.0, 10.0, "inertia on the spindle side")]
@@ -26,7 +26,7 @@ class Gear(NamedTuple):
 
 
 class Spindle(NamedTuple):
-    """Table `[spindle]` of the vehicle file."""
+    """Table `[spindle]` of the vehicle file: lead and losses of the spindle."""
 
     lead: Annotated[float, Quantity("s_rev", "m/rev", 1e-4, 1.0, "travel per revolution")]
     efficiency: Annotated[float, Quantity("η_S", "1", 0.0, 1.0, "share of F_S0 that is not lost")]

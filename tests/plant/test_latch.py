@@ -316,7 +316,9 @@ HALF_CLOSED = LatchState(HALF, 0.0, 0.0, 0.0)
     ("cinch", "commanded", "expected"),
     [(NO_CINCH, 1.0, 0.0), (AUTOMATIC, 0.0, 0.012), (COMMANDED, 0.0, 0.0), (COMMANDED, 1.0, 0.012)],
 )
-def test_the_cinching_motor_starts_as_configured(cinch: int, commanded: float, expected: float):
+def test_the_cinching_motor_starts_never_by_itself_or_on_command_as_configured(
+    cinch: int, commanded: float, expected: float
+):
     claw = CLAW._replace(cinch=float(cinch))
     assert pull_speed(claw, HALF_CLOSED, 0.004, commanded) == expected
     assert mean_pull(claw, HALF_CLOSED, 0.004, 0.0, 0.0, commanded, 1e-3) == expected

@@ -103,9 +103,9 @@ def test_data_other_than_the_published_are_refused(tmp_path: Path):
         dc_motor.convert(source, tmp_path / "out.csv")
 
 
-def test_an_encoder_speed_is_converted_back_to_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_encoder_speed_in_deg_s_becomes_rev_s_of_whole_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     source = tmp_path / "DCmotor_step_open_exp.csv"
-    speed = 63 / 2800 / 0.02 * 360.0  # 63 counts in 20 ms
+    speed = 63.2 / 2800 / 0.02 * 360.0  # 63 counts in 20 ms, and some noise
     source.write_text(f"t,u,y\n0,1,{speed:.4f}\n0.02,1.5,{speed:.4f}\n")
     monkeypatch.setitem(dc_motor.FILES, source.name, hashlib.sha256(source.read_bytes()).hexdigest())
     dc_motor.convert(source, tmp_path / "out.csv")

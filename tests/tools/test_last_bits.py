@@ -66,7 +66,7 @@ def test_a_test_that_depends_on_the_last_bits_fails_only_if_they_are_changed() -
     assert re.search(rf"^{count} failed in", done.stdout, re.MULTILINE), done.stdout
 
 
-def test_last_bits_are_changed_only_with_a_valid_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_empty_seed_changes_no_last_bits_and_an_invalid_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for text, seed in (("", 0), ("7", 7)):
         monkeypatch.setenv(last_bits.VARIABLE, text)
         assert last_bits.seed() == seed

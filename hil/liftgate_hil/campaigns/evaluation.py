@@ -57,7 +57,7 @@ class Vehicles:
         self._last: tuple[Any, Vehicle] | None = None
 
     def vehicle(self, fixed: Sequence[Setting], varied: Sequence[Setting], variant: Variant) -> Vehicle:
-        """Return the file's vehicle with the fixed and the varied settings applied. Raises ConfigError."""
+        """Return the file's vehicle as this variant, with all settings applied. Raises ConfigError."""
         key = (list(fixed), list(varied), variant)
         if self._last is None or self._last[0] != key:
             self._last = key, self._made(fixed, varied, variant)

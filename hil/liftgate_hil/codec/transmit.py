@@ -105,7 +105,7 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
 
 @compilable
 def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
-    """Whether any message must be sent: always with `everything`, else if one is due and the gate not silent."""
+    """Whether any message is due now and the gate not silent; always with `everything`."""
     return everything or (not is_silent and now_ns >= transmission.next_ns[0])
 
 

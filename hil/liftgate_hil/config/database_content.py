@@ -194,7 +194,7 @@ def _remains(written: str, kind: str, is_plain: bool) -> Remains:
 
 
 def _loose_remains(written: str, kind: str, is_plain: bool) -> Remains:
-    """Return the same as `_remains`, but with messages whose signals overlap or do not fit not left out."""
+    """Return a text's `Remains`, including messages whose signals overlap or do not fit."""
     if is_plain:
         try:
             return Remains(load_text(written, kind))

@@ -276,7 +276,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
         if _is_diagnostic(message.frame_id, message.is_extended_frame):
             issues.add(
                 f"outputs in {name}",
-                f"identifier 0x{message.frame_id:X}; allowed: none that cars use for diagnostics (0x7E0 to 0x7EF, "
+                f"identifier 0x{message.frame_id:X}; allowed: none that cars use for diagnostics (0x7DF to 0x7EF, "
                 "0x18DAxxxx, 0x18DBxxxx)",
             )
     sent = {wire.message for wire in rig.outputs}
@@ -328,7 +328,7 @@ def _check_direction(issues: ConfigIssues, wire: SignalMapping) -> None:
 
 
 def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
-    """Whether an identifier is reserved for diagnostics: ISO 15765-4 for 11 bits, ISO 15765-2 for 29."""
+    """Whether cars use an identifier for diagnostics: 0x7DF to 0x7EF; of 29 bits 0x18DAxxxx, 0x18DBxxxx."""
     if is_extended:
         return identifier >> 16 in (0x18DA, 0x18DB)
-    return 0x7E0 <= identifier <= 0x7EF
+    return 0x7DF <= identifier <= 0x7EF

@@ -68,7 +68,7 @@ class VehicleFile:
 
 
 def read_vehicle(path: Path, name: str = "") -> VehicleFile:
-    """Read a vehicle file; `name` is how the user named it, its path by default. Raises ConfigError."""
+    """Return a vehicle file as read, values unchecked; `name` as by the user. Raises ConfigError."""
     content = read_toml(path)
     check_kind(path, content, "vehicle", _KNOWN)
     return VehicleFile(path, name or str(path), content)

@@ -67,7 +67,7 @@ def converted(
     stopped: Callable[[], bool] = lambda: False,
     report: Callable[[int, int], None] = lambda rows, frames: None,
 ) -> Converted:
-    """Convert a recording by a request, into the format of the target's suffix.
+    """Write a recording to the request's target, in the format of its suffix; return counts and notes.
 
     A target that cannot hold the content unchanged is not written. A file that is already there is set aside, see
     `set_aside`. `stopped` returns whether to end early. `report` is called with the rows and frames so far.

@@ -92,7 +92,7 @@ def write_picture(path: Path, figure: Figure, title: str, caption: str, say: Say
 
 
 def _drawn_as(suffix: str, figure: Figure, title: str, caption: str) -> bytes:
-    """Return the bytes of a picture file in the format of a suffix."""
+    """Return a figure, with title and caption, as a file's content in the format of a suffix, or HTML."""
     if suffix == ".png":
         return png(figure, _DPI)
     if suffix == ".pdf":

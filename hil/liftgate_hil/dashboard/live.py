@@ -103,7 +103,7 @@ class Live:
         return cast(GateGeometry, self._description["geometry"])
 
     def update(self, now: float) -> JsonObject:
-        """Read new data, at a monotonic time [s]; return lists `low` and `high` in column order; {}: no rows."""
+        """Read new data, at a monotonic time [s]; return the new rows' minima and maxima by column; {}: none."""
         with self._updating:
             return self._update(now)
 

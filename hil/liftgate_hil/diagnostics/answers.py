@@ -57,7 +57,7 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """Return the time [s] in the run of the last complete reading of codes up to `time` [s]; NaN: none."""
+        """Return the time [s] of the last complete reading of trouble codes at or before `time`; NaN: none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 
@@ -79,7 +79,7 @@ _RESET, _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x11, 0x51, 0x7F, 0x21, 0x78
 
 
 class ResetWatch:
-    """Observer of ECUReset requests and responses in ISO-TP single frames, as they come; result: `failure`."""
+    """Observer of frames that tells whether an ECUReset failed: refused, or without a response."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self._own = diagnostics

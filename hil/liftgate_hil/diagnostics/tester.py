@@ -121,7 +121,7 @@ def failure_of(tester: Tester) -> int:
 
 
 def answer_in(tester: Tester) -> bytes:
-    """Return the positive response to the tester's single request; empty: there is none."""
+    """Return the payload of the positive response that the tester has kept; empty: there is none."""
     return message_in(tester.link, int(tester.head[0].answer_length))
 
 

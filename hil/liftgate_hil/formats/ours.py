@@ -89,7 +89,7 @@ def _is_our_table(head: bytes, tail: bytes) -> bool:
 
 @functools.cache
 def _headers() -> frozenset[str]:
-    """Return the headers of our CSV recordings without columns of faults, with and without the run's start."""
+    """Return the headers that our CSV recordings may have (drives, offline, run's start), without faults."""
     found = [",".join(columns_of(drives, offline)) for drives in (1, 2) for offline in (False, True)]
     return frozenset((*found, *(f"{each},{START_COLUMN}" for each in found)))
 

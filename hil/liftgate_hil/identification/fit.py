@@ -51,7 +51,7 @@ _FAR_AWAY = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 class NothingToTellError(ValueError):
-    """Raised when the data do not determine the sought parameters."""
+    """Raised when the data do not determine the sought parameters, or no simulation follows the data."""
 
 
 @_FAR_AWAY

@@ -75,7 +75,7 @@ def _zero(problem: Problem, number: int, name: str) -> float:
 
 
 def _path(problem: Problem, plant: Plant, number: int, data: Data) -> tuple[Floats, Floats, Floats] | None:
-    """Return smoothed (left position, right position [rev], speed [rev/s]), (n,) each; None: not measured."""
+    """Return smoothed left and right position [rev], speed [rev/s]; None: neither positions nor speeds."""
     found = {}
     for side in ("left", "right"):
         position = data.outputs.get(f"{side}_position_rev")

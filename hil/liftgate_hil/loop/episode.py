@@ -42,7 +42,7 @@ class LoopStart(NamedTuple):
     stimuli: StimulusPlan
 
     def with_own_arrays(self) -> LoopStart:
-        """Return a copy with arrays of its own, which no loop changes."""
+        """Return a copy that shares no arrays with this one, so that a loop on one leaves the other alone."""
         return LoopStart(self.config, copied(self.state), copied(self.stimuli))
 
 

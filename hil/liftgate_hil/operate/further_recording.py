@@ -98,7 +98,7 @@ class FurtherRecording:
         self._thread.start()
 
     def stop(self) -> str:
-        """Stop the recording, have its file completed, and return the file's name. Raises ConfigError for none."""
+        """Stop the recording and return its file's name; the file is completed later. Raises ConfigError."""
         if not self.is_on or self._stop.is_set():
             raise ConfigError("record null: no recording is open that was started by a command")
         with self._lock:

@@ -173,7 +173,7 @@ def received(stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int,
 
 @compilable
 def sent(stimuli: StimulusPlan, frames: Frames, ticks: int, step_ns: int, seed: int) -> Frames:
-    """Return the frames that other nodes receive when the gate sends `frames` after a number of plant steps.
+    """Return what others receive in a tick: `frames` of the gate, restbus and tester, with bus faults.
 
     They include those of the restbus and of the tester, and are as the faults on the bus leave them.
     """

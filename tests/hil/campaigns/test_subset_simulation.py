@@ -159,7 +159,7 @@ def test_more_pockets_than_populations_are_merged_into_cells() -> None:
 
 
 @pytest.mark.parametrize("places", [np.zeros((0, 6)), np.zeros((1, 6)), np.full((1, 6), -1.5)])
-def test_places_without_information_do_not_harm_the_estimate(places: Floats) -> None:
+def test_useless_pockets_given_in_advance_do_not_harm_the_estimate(places: Floats) -> None:
     assert holds(estimate(half_space(RARE), 6, 0, places), RARE)
 
 

@@ -282,7 +282,7 @@ def test_frames_of_car_makers_are_accepted_and_reproduced(maker: str):
             assert (counts.accepted, counts.checksum) == (1 - flipped, flipped)
 
 
-def test_a_sum_over_the_identifier_is_a_named_checksum_in_any_byte():
+def test_the_checksum_sum8_covers_the_identifier_and_may_stand_in_the_first_byte():
     """Subaru and Tesla use such checksums; the frame is from opendbc's code for Subaru."""
     message = message_of(8, (0, 8, "little_endian"), identifier=0x122)
     bus = bus_of(message, {"checksum": "Crc", "checksum_kind": "sum8"})

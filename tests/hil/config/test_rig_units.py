@@ -184,7 +184,7 @@ def test_two_inputs_may_read_the_same_signal(tmp_path: Path):
     assert len(rig_of(tmp_path, database("A"), text).inputs) == 2
 
 
-@pytest.mark.parametrize("identifier", [0x7E0, 0x7EF, 0x80000000 | 0x18DA10F1])
+@pytest.mark.parametrize("identifier", [0x7DF, 0x7E0, 0x7EF, 0x80000000 | 0x18DA10F1])
 def test_sent_messages_with_identifiers_of_diagnostics_are_refused(tmp_path: Path, identifier: int):
     content = database("A").replace("BO_ 512", f"BO_ {identifier}")
     (fault,) = faults(tmp_path, rig('left_current = "Out.X"'), content)

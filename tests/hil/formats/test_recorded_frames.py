@@ -95,7 +95,7 @@ def test_python_can_reads_can_fd_frames_unchanged(tmp_path: Path, suffix: str) -
     ]
 
 
-def test_both_dates_of_an_asc_header_are_the_start_of_the_run(tmp_path: Path) -> None:
+def test_both_dates_in_a_written_asc_header_are_the_start_of_the_run(tmp_path: Path) -> None:
     recorded(tmp_path / "bus.asc", [sent([(0x120, b"a")])], epoch_ns=EPOCH_NS + 30_000_000)
     lines = (tmp_path / "bus.asc").read_text().splitlines()
     dates = [line.split(" ", words)[words] for line, words in ((lines[0], 1), (lines[3], 2))]

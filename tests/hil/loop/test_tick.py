@@ -316,7 +316,7 @@ def test_a_catch_up_sends_each_message_once_and_the_next_ones_on_time(rig: Rig, 
     assert at == [25, 30]
 
 
-def test_a_silent_tick_sends_no_message(rig: Rig, fast_tick: Tick):
+def test_a_tick_that_makes_up_for_a_missed_one_sends_no_message(rig: Rig, fast_tick: Tick):
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 99)
     _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1))

@@ -32,7 +32,7 @@ def measured(times: Floats, **columns: Floats) -> Measurement:
 # Cutting.
 
 
-def test_a_cut_keeps_rows_and_times_of_the_file() -> None:
+def test_a_cut_in_time_keeps_the_rows_between_its_limits_at_the_files_times() -> None:
     times = np.arange(100) * 0.01
     m = cut_time(measured(times, left_voltage_v=times, left_current_a=times * 2.0), 0.2, 0.5)
     assert np.array_equal(m.times, times[20:51])

@@ -143,7 +143,7 @@ RECORDED = (
 )
 
 
-def test_the_duties_of_a_recording_are_inputs_held_from_their_row_on(tmp_path: Path) -> None:
+def test_the_inputs_of_a_recording_are_taken_from_the_next_row(tmp_path: Path) -> None:
     samples, notes = read_samples(table(tmp_path, RECORDED), {})
     assert "left_voltage_v" not in samples.columns
     assert samples.columns["left_duty"].tolist() == [0.25, 0.0, 0.0]

@@ -169,7 +169,7 @@ def test_a_table_of_simulate_has_a_provenance_too(tmp_path: Path) -> None:
     assert set(told["files"]) == {"input", "vehicle"}
 
 
-def test_a_damaged_provenance_is_reported_and_not_copied(tmp_path: Path) -> None:
+def test_converting_a_recording_with_a_damaged_provenance_is_refused(tmp_path: Path) -> None:
     from pyarrow import parquet
 
     run(tmp_path, ".parquet")
