@@ -282,7 +282,7 @@ def _leave_out_few(problem: Problem) -> list[int]:
 
 
 def _check_followed(problem: Problem, point: Floats, errors: Floats) -> None:
-    """Raise NothingToTellError where the best simulation, at a point (p,), does not follow the measurement."""
+    """Raise NothingToTellError where the best simulation (at a point of p parameters) misses the data."""
     fits = {}
     for name, measured, own in zip(problem.outputs, problem.measured.T, errors.T, strict=True):
         there = np.isfinite(measured)

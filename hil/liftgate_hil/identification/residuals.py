@@ -24,7 +24,7 @@ _PLAY_REV = 1.0  # revolutions of the motor after a change of direction; at leas
 
 
 def phases_of(plant: Plant, times: Floats, voltage: Floats, states: Floats) -> NDArray[np.int64]:
-    """Return the index (n,) into PHASES of each row, from the simulated states (n, 7) of trajectory.OUTPUTS.
+    """Return each row's place (n,) in PHASES (rest, inrush, travel, …), from states (n, 7) of OUTPUTS.
 
     A row belongs to the first that applies of: end stop, play crossing, inrush, rest, travel.
     """

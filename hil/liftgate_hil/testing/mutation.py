@@ -75,7 +75,7 @@ class Matrix:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
     def expectations(self, case: Case) -> list[str]:
-        """Return the names of a scenario's expectations that the sound ECU passes."""
+        """Return the names of a scenario's expectations that the sound ECU has passed, as far as it was run."""
         names = [each.name for each in case.plan.setup.scenario.expectations]
         return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
 

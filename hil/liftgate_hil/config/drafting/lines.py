@@ -203,7 +203,7 @@ def _is_restricted(counter: Signal) -> bool:
 
 
 def _remark_on_range(counter: Signal) -> str:
-    """Return the remark on a counter whose range in the database is less than its length allows."""
+    """Return the remark that a counter's range in the database is less than its length allows, as it is."""
     (low, high), most, name = counted_range(counter), 2**counter.length - 1, quoted(counter.name)
     if low > 0:
         table = f"{{ signal = {name}, lowest = {low}, highest = {high} }}"
