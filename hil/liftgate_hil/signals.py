@@ -78,7 +78,7 @@ _AGES = [
 
 
 class EdgeTimes(NamedTuple):
-    """Number and last four ages of each drive's Hall edges, for an ECU's timer; all are recorded."""
+    """Number and last four ages of each drive's Hall edges, for an ECU's timer; not recorded."""
 
     left_edge_number: Annotated[float, _NUMBER]
     left_edge_age_1: Annotated[float, _AGES[0]]

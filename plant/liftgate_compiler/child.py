@@ -149,10 +149,8 @@ os.register_at_fork(after_in_child=_Kept.taken)
 def compile_apart(request: CompileRequest, look: Callable[[], None]) -> Any:
     """Return the result of `building.make_here` from a separate process; None where only this one can compile.
 
-    Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
-    raise.
-
-    Raises CompileError where the process was ended from outside.
+    `look` is called every 0.1 s meanwhile, and may raise. Raises CompileError where the process was ended from
+    outside.
     """
     try:
         asked = pickle.dumps(request)

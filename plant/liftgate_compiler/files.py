@@ -29,10 +29,9 @@ _NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EI
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file against other processes; False: no locks here. Raises BlockingIOError if one holds it.
+    """Lock an open file until all its descriptors are closed; False: no locks here. Raises BlockingIOError.
 
-    False: nobody can tell, as on file systems without locks (ENOSYS, ENOLCK of Lustre, EOPNOTSUPP of some network
-    file systems). Raises BlockingIOError where another process has locked it.
+    False is returned on file systems without locks (ENOSYS, ENOLCK of Lustre, EOPNOTSUPP of some network ones).
     """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

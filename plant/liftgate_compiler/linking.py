@@ -58,7 +58,7 @@ class HelperLibrary(_Library):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """Return the module linked with all callees, for numba's own libraries, which `_link` does not link."""
+        """Return the module linked with all its callees, for callers that are numba's own libraries."""
         self._ensure_finalized()
         if self._whole is None:
             self._whole = self._final_module.clone()

@@ -193,8 +193,8 @@ def _issue_of(evaluator: Evaluator, values: list[float]) -> str:
     except ConfigError as error:
         issue = error.issues[0]
         # Of a parameter, the file's own words: nobody has given it by its name here.
-        own = issue.partition(", as ")[2] or issue.partition(": ")[2]
-        return own if issue.startswith("`parameters`") else issue
+        own = issue.partition(", as ")[2] if issue.startswith("`parameters`") else ""
+        return own or issue.removeprefix("`parameters` ")
     return ""
 
 

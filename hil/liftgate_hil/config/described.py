@@ -7,8 +7,7 @@ the arguments of a command.
         angle_deg: Annotated[float, Field(Number(-10.0, 180.0, "deg"), "gate angle at which the gate meets it")]
         stiffness: Annotated[float, Field(Number(1.0, 1e7, "N/m"), "stiffness of its spring")] = 10_000.0
 
-Modules with records do without `from __future__ import annotations`: texts would have to be compiled at every
-start.
+Modules with records must not have `from __future__ import annotations`, as texts would be compiled at each start.
 """
 
 from __future__ import annotations
@@ -97,7 +96,11 @@ class Record:
         self.__dict__.update(signature_of(type(self)).bind(*placed, **values).arguments)
 
     def __init_subclass__(cls, *, kw_only: bool = True) -> None:
-        """Note whether the subclass's constructor takes its fields as keyword arguments only."""
+        """Note whether the subclass's constructor takes its fields as keyword arguments only. Raises TypeError."""
+        if any(isinstance(each, str) for each in _own_hints(cls).values()):
+            raise TypeError(
+                f"{cls.__name__}: annotations are texts; allowed: no `from __future__ import annotations`"
+            )
         cls._takes_names_only = kw_only
 
     @classmethod

@@ -198,7 +198,7 @@ def load_rig(path: Path) -> Rig:
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     """Read a rig file; return the rig, as far as readable, and its issues. Raises ConfigError if it is no rig.
 
-    Raises ConfigError if the file is not TOML, e.g. a database, or one of another kind.
+    No rig is what is not TOML, e.g. a database, or of another kind.
     """
     if path.suffix.lower() in KINDS:
         raise ConfigError(

@@ -228,7 +228,7 @@ def missing_values(mapping: SignalMapping) -> list[str]:
 
 
 def _physical(issues: ConfigIssues, key: str, label: str, value: float | str, theirs: "DatabaseSignal") -> float:
-    """Return the physical value of a number, or a label of the signal `theirs`; NaN and an issue for others."""
+    """Return the physical value of a number or of a label of `theirs`; else NaN, for a text with an issue."""
     if not isinstance(value, str):
         return float(value) if is_number(value) and abs(value) <= 1e15 else math.nan
     for raw, text in (theirs.choices or {}).items():

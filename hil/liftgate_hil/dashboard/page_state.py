@@ -221,7 +221,7 @@ class TracedFrame(TypedDict):
     id: Annotated[str, Shown("identifier in hexadecimal digits, followed by x if it has 29 bits")]
     name: Annotated[str, Shown("name in the database; empty: unknown")]
     direction: Annotated[str, Shown("`sent` or `received` by the gate")]
-    time_s: Annotated[float, Shown("model time [s]")]
+    time_s: Annotated[float, Shown("model time of the frame [s]")]
     data: Annotated[str, Shown("payload: bytes in hexadecimal digits")]
     signals: Annotated[SignalValues, Shown("decoded signals; empty: unknown message", keys={"SIGNAL": "value in "
         "the database's unit, or its label"})]

@@ -58,7 +58,11 @@ class RecordingSource:
             more = f"and {len(table.marks) - _MOST_MARKS} more marks"
             self._marks.append({"time_s": table.marks[_MOST_MARKS][0], "text": more})
         self._ours = {} if rig is None else ours_in(rig, self._names)
-        count = sum(len(rows) for rows in table.rows(self._names[:1] + self._names[1:][-1:]))
+        ends = [
+            self._names[0],
+            *self._names[1:][-1:],
+        ]  # signals of frames, which have rows of their own, come last
+        count = sum(len(rows) for rows in table.rows(ends))
         self._every = max(1, -(-count * len(self._names) // _MOST_VALUES))
         self._last, self._low, self._high = self._thinned(table)
         if not len(self._last):

@@ -39,7 +39,7 @@ class NoSource:
 
 
 def nothing_known(phase: str) -> PageState:
-    """Return a state with a given phase and no further values; it lacks only `number` and keys of streams."""
+    """Return a state with a given phase and no values; it lacks `number`, `started` and keys of streams."""
     return {
         "phase": phase, "end": None, "time_s": None,
         "truth": {}, "sensed": {}, "command": {}, "loop": {}, "bus": {}, "in_force": {}, "acting": {},

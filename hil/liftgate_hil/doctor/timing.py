@@ -284,7 +284,7 @@ def figures(
             wakeups.periods,
             wakeups.long,
             wakeups.direct_share,
-            recommended(wakeups.lateness, tick),
+            recommended(wakeups.lateness, tick, rate),
             force_of(wakeups.lateness.p99_us),
         )
 

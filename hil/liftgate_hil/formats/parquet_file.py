@@ -103,7 +103,7 @@ class ParquetFile(Recording):
     moments: Mapping[str, tuple[Stamp, int]] = field(default_factory=dict)
 
     def as_recording(self) -> ParquetFile:
-        """Return the file as a recording. Raises ConfigError if columns are not numeric, or time is not first."""
+        """Return the file as a recording. Raises ConfigError if columns hold texts, or time is not first."""
         self._check(self.names)
         check_time_first(self.path, self.names)
         return replace(self, start_ns=self.start_ns or self.starts.get("time_s", 0))

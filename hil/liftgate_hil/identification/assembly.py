@@ -139,7 +139,7 @@ def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
 
 
 def outputs_of(wanted: Sequence[str], data: Sequence[Data]) -> list[str]:
-    """Return changing output columns of the `wanted` kinds (none: all). Raises ConfigError for a kind without."""
+    """Return output columns of the `wanted` kinds (none: all), still ones if none changes. Raises ConfigError."""
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, the identification reports it
     kinds = wanted or list(OUTPUT_KINDS)

@@ -27,7 +27,7 @@ _FLAGS = (AT.left_coast, AT.right_coast, AT.latch_released)
 def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
     """Return (the problem with few rows and the same unknowns, indices of outputs kept); None: it saves little.
 
-    None where the problem has few rows already, or where too few steps would be saved.
+    That is where the problem has few rows already, or where too few steps would be saved.
     """
     steps = _steps(problem.data, problem.longest)
     if steps < _LEAST_STEPS:

@@ -99,7 +99,11 @@ def identification_of(
 
     `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
-    origin = _origin_of(request, command_line)
+    origin = _origin_of(
+        request,
+        {"result": request.result, "html": request.html, "save_vehicle": request.save_vehicle},
+        command_line,
+    )
     vehicle, model, sought, outputs = _wanted(request)
     names = [each.parameter.name for each in sought]
     unknown = [each for each in request.profile if each not in names]
@@ -128,7 +132,7 @@ def validation_of(
 
     `worded` replaces names of arguments in notes and warnings, e.g. by command-line options. Raises ConfigError.
     """
-    origin = _origin_of(request, command_line)
+    origin = _origin_of(request, {"result": request.result, "html": request.html}, command_line)
     vehicle = _vehicle_of(request)
     if request.parameters is not None:
         vehicle = _with_result(vehicle, request.parameters)
@@ -144,7 +148,7 @@ def validation_of(
 
 def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentPlan:
     """Rank candidate experiments by their information, without writing files. Raises ConfigError."""
-    origin = _origin_of(request, command_line)
+    origin = _origin_of(request, {"result": request.result}, command_line)
     vehicle, model, sought, outputs = _wanted(request)
     kinds = list(dict.fromkeys(outputs or ("current", "position")))
     unknown = [each for each in kinds if each not in OUTPUT_KINDS]
@@ -155,12 +159,10 @@ def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentP
     return dataclasses.replace(found, provenance=origin)
 
 
-def _origin_of(request: ModelChoice, command_line: str) -> Provenance:
-    """Return the provenance of a result. Raises ConfigError if an output file is one of those that are read."""
+def _origin_of(request: ModelChoice, targets: Mapping[str, str | Path | None], command_line: str) -> Provenance:
+    """Return the provenance of a result. Raises ConfigError if a target is one of the files that are read."""
     inputs = inputs_of(request)
-    check_targets(
-        {name: getattr(request, name, None) for name in ("result", "save_vehicle", "html")}, inputs.values()
-    )
+    check_targets(targets, inputs.values())
     return provenance_of(command_line or repr(request), sources_of(inputs))
 
 

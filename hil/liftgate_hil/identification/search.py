@@ -137,7 +137,7 @@ def profile(
     167-183).
     """
     best = found.deviance
-    std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value or estimate.initial)
+    std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value) or problem.sizes[number]
     values, deviances = [estimate.value], [0.0]
     ends: list[str] = []
     for direction in (-1.0, 1.0):

@@ -149,7 +149,7 @@ class Timeliness:
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
-            gap = next((each for each in reversed(self._late) if goes_on and each.missed), None)
+            gap = next((each for each in reversed(self._late) if each.missed), None) if goes_on else None
             if gap is None:
                 gap = _Late(time, time, 0.0, 0)
                 self._late.append(gap)

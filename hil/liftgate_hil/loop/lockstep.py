@@ -30,7 +30,7 @@ class Lockstep(NamedTuple):
 
 
 def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Advance a loop a period per command frame, until `ticks` or `stopped()`. Raises OverrunError if none comes.
+    """Advance a loop a period per command, to `ticks` or `stopped()`; OverrunError after `wall_timeout`.
 
     What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would
     lag permanently. An ECU that had already sent commands may wait for an answer: the first period is without a
@@ -38,11 +38,10 @@ def run_lockstep(loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Cal
     """
     lockstep.say("ready: waits for the first command")
     waiting = Waiting(lockstep.command)
-    heard = time.monotonic()
-    is_reported = False
     if loop.commands_before:
         period = lockstep.ticks_per_command
         loop.advance_by(empty_frames(0), period if ticks is None else min(period, ticks))
+    heard, is_reported = time.monotonic(), False
     while not stopped() and (ticks is None or loop.ticks < ticks):
         if not waiting.commands:
             _read(loop.transport, waiting, timeout=0.1)

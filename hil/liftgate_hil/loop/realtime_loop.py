@@ -239,10 +239,7 @@ def handed_out(bus: BusConfig, shared: Shared, room: Room, first: int, last: int
 
 @compilable
 def wait_for_ticks(config: LoopConfig, params: RunParams, shared: Shared, room: Room, done: int) -> bool:
-    """Wait until the tick after `done` ticks is due, and receive the frames; False: too far behind.
-
-    Returns False if the loop has fallen too far behind.
-    """
+    """Wait until the tick after `done` ticks is due, and receive the frames; False: too far behind."""
     pace = room.pace[0]
     deadline = pace.start_ns + (done + 1) * config.step_ns
     pace.woken_ns = wait_until(deadline, room)

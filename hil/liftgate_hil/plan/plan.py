@@ -104,7 +104,7 @@ def plan_of(job: Job) -> Plan:
 def planned(
     job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source], other: Plan | None = None
 ) -> Plan:
-    """Plan a job, with `other`'s loop constants if vehicle, seed and rate are the same. Raises ConfigError."""
+    """Plan a job; with `other`, of the same rig, reuse its constants if they are alike. Raises ConfigError."""
     request = job.request
     if way is None and request.ecu == ON_A_BUS:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")

@@ -74,8 +74,7 @@ def judge_suite(
 ) -> Iterator[Outcome]:
     """Judge recorded runs one by one, and yield the outcome of each; once `stopped()`, the rest are errors.
 
-    After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
-    issues of the only one.
+    So is one of several that cannot be judged. Raises ConfigError with the issues of the only one.
     """
     for case in cases:
         if stopped():

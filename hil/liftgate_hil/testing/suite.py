@@ -27,8 +27,7 @@ from liftgate_hil.testing.outcome import Case, Outcome, not_run
 def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
     """Return the cases of scenario files, to be run as the template says. Raises ConfigError with all issues.
 
-    Of several files each gets those of the template's parameters that it has. Raises ConfigError with all issues,
-    among them a parameter that no file has.
+    Of several files each gets those of the template's parameters that it has; one that no file has is an issue.
     """
     cases: list[Case] = []
     files = list(files)

@@ -42,7 +42,7 @@ class RefusedError(Exception):
 def checked(arguments: Mapping[str, object]) -> Mapping[str, object]:
     """Check python-can's multicast arguments; return them with a hop limit, by default 0. Raises ConfigError.
 
-    With 0 the bus stays on this machine; with python-can's own default it leaves it. Raises ConfigError.
+    With 0 the bus stays on this machine; with python-can's own default it leaves it.
     """
     group = str(arguments["channel"])
     try:

@@ -59,7 +59,7 @@ def manifest_in(folder: str | Path) -> dict:
         (["--vary", "angle=60,70", "--samples", "3"], "--samples 3: allowed: with a distribution"),
         (["--vary", "seed=1.5"], "--vary seed=1.5: allowed: whole numbers from 0"),
         (["--vary", "supply.voltage=-1"], "--vary supply.voltage=-1: -1: allowed: 0 to 60 V"),
-        (["--vary", "rod=1e4,1e16"], "--vary rod: 1e+16: 1e+16 is out of range; allowed: -1e+15 to 1e+15"),
+        (["--vary", "rod=1e4,1e16"], "--vary rod: 1e+16: rod: 1e+16 is out of range; allowed: -1e+15 to 1e+15"),
         (["--vary", "angle=60", "--vary", "angle=70"], "angle: varied twice"),
         (["--vary", "vehicle"], "--vary vehicle: allowed: a vehicle file with [identification]"),
         (["--worst", "stays shut", "--vary", "angle=60,70"], "--worst stays shut: allowed: stays open"),
@@ -262,6 +262,17 @@ def test_an_expectation_on_states_that_fails_with_a_margin_of_0_counts_as_a_fail
 def test_the_message_for_an_incomplete_campaign_name_has_the_full_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "trap-matrix"]) == 2
     assert capsys.readouterr().err == "liftgate-hil: SCENARIO trap-matrix: allowed: pack:trap-matrix\n"
+
+
+def test_a_damaged_batch_is_evaluated_again(scenario: str) -> None:
+    flags = ["--vary", "angle=60:79:8", "--jobs", "1", "--quiet"]
+    assert main(["campaign", scenario, *flags]) == 0
+    before = rows_in("campaign")
+    batches = sorted(Path("campaign/batches").glob("*.parquet"))
+    batches[0].write_bytes(batches[0].read_bytes()[:100])
+    batches[1].write_bytes(b"")
+    assert main(["campaign", scenario, *flags, "--resume"]) == 0
+    assert rows_in("campaign") == before
 
 
 def test_two_ecus_are_compared_variant_by_variant(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 
-import can
 import numpy as np
 import pytest
 from crccheck.crc import Crc8SaeJ1850
@@ -24,7 +23,6 @@ from liftgate_hil.codec.bits import (
     write_number,
 )
 from liftgate_hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum, crc8_byte
-from liftgate_hil.codec.frames import LENGTHS
 from liftgate_hil.codec.tables import MESSAGE
 
 MAX = 64
@@ -167,8 +165,3 @@ def test_the_crc_detects_every_single_flipped_bit(position: int):
     frame = array_of(bytes(flipped).ljust(MAX, b"\0"))
     covered = position // 8 != 7
     assert (sum_of(CRC8_SAE_J1850, 0x120, frame, 8, 7) != good) == covered
-
-
-def test_frame_lengths_are_those_of_the_standard() -> None:
-    """ISO 11898-1, table of the data length code."""
-    assert [can.util.dlc2len(code) for code in range(16)] == [*LENGTHS]

@@ -321,6 +321,8 @@ def test_a_tick_that_makes_up_for_a_missed_one_sends_no_message(rig: Rig, fast_t
     state, _, _, _ = run(fast_tick, config, rest(config), 99)
     _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1))
     assert sent.count == 0
+    _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1, stop=True))
+    assert sent.count == len(cycles(rig))  # in the last one
 
 
 def test_skipped_periods_are_reported_on_the_bus_up_to_the_largest_value_of_the_signal(rig: Rig, fast_tick: Tick):

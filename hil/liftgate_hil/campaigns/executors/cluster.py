@@ -72,16 +72,19 @@ class Cluster:
     def _prepare(self) -> None:
         """Check the workers' versions, and set how many worker deaths a task survives. Raises ConfigError."""
         try:
-            threads = within(_ANSWER_S, self._client.nthreads)
-            found = within(_CONNECT_S, partial(self._client.run, versions, on_error="return")) if threads else {}
+            has_workers = within(_ANSWER_S, self._client.nthreads)
+        except Exception as error:
+            raise ConfigError(f"`scheduler` {self._address}: it does not answer: {words_of(error)}") from None
+        if not has_workers:
+            raise ConfigError(
+                f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
+            )
+        try:
+            found = within(_CONNECT_S, partial(self._client.run, versions, on_error="return"))
         except Exception as error:
             raise ConfigError(
                 f"`scheduler` {self._address}: its workers do not answer: {words_of(error)}"
             ) from None
-        if not threads:
-            raise ConfigError(
-                f"`scheduler` {self._address}: it has no workers; allowed: one with `dask worker` processes"
-            )
         issues = [
             f"worker {name}: {text}"
             for name, given in found.items()
