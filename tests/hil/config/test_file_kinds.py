@@ -11,14 +11,12 @@ from hil_support import issues_of, text_file
 
 from liftgate_hil.campaigns.file import read_campaign_file
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.config.database import KINDS
 from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import MARKS, NO_TOML, read_toml
+from liftgate_hil.config.toml import MARKS, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.formats.suffixes import RECORDED
 
 CONFIGS = data_root() / "configs"
 FILES = {
@@ -51,10 +49,6 @@ def test_a_file_with_a_known_key_gets_its_unknown_keys_reported(tmp_path: Path):
     path = text_file(tmp_path / "mixed.toml", "duration = 5\ndbc = 'x.dbc'\n")
     with pytest.raises(ConfigError, match=r"dbc: 'x\.dbc': unknown key"):
         load_scenario(path)
-
-
-def test_files_known_to_be_no_toml_have_suffixes_of_databases_recordings_or_python():
-    assert [{*suffixes} for _, suffixes, _ in NO_TOML] == [{*KINDS}, {*RECORDED}, {".py"}]
 
 
 @pytest.mark.parametrize(

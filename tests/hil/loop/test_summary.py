@@ -138,6 +138,7 @@ def test_a_count_of_one_is_written_in_the_singular():
 
 
 def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_reported():
+    assert Summary().to_dict()["bus_load_percent"] is None
     short = Summary(ticks=1, model_time_s=0.001, bus_load_percent=104.6)
     assert short.to_dict()["bus_load_percent"] is None
     assert "bus load" not in "".join(short.lines())
