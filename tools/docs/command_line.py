@@ -20,7 +20,7 @@ _CODES = (
     ("0", "done; of `campaign`: complete, whatever its verdicts"),
     (
         "1",
-        "failed: a bus, a device or a file failed while it ran; `compare`, `campaign --compare`: not equal; "
+        "failed: a bus, a device or a file failed while it ran; `compare`, `campaign --replay`: not equal; "
         "`doctor`: a problem; `replay`: frames were not sent",
     ),
     ("2", "wrong usage: a flag, a file or a value is not allowed, with one message for each; nothing was begun"),
