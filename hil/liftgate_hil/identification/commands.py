@@ -101,7 +101,7 @@ def identification_of(
     """
     origin = _origin_of(
         request,
-        {"result": request.result, "html": request.html, "save_vehicle": request.save_vehicle},
+        {"result": request.result, "save_vehicle": request.save_vehicle, "html": request.html},
         command_line,
     )
     vehicle, model, sought, outputs = _wanted(request)
