@@ -68,9 +68,17 @@ def value_of(browser: Any, name: str) -> float:
 
 
 def press(browser: Any, action: str) -> None:
-    """Click a driver's button and wait until the page confirms the request."""
-    click(browser, f"#request-{action}")
-    until(browser, lambda _: f"request {action}" in text_of(browser, "#answer"))
+    """Click a driver's button until the page is seen to confirm the request, which it shows for four seconds."""
+    clicked = 0.0
+
+    def is_confirmed(_: object) -> bool:
+        nonlocal clicked
+        if time.monotonic() > clicked + 10.0:
+            found(browser, f"#request-{action}").click()
+            clicked = time.monotonic()
+        return f"request {action}" in text_of(browser, "#answer")
+
+    until(browser, is_confirmed)
 
 
 def press_until(browser: Any, action: str, is_so: Callable[[], bool]) -> None:

@@ -14,7 +14,6 @@ from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.config.rig import read_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import MARKS, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 
@@ -38,11 +37,6 @@ PAIRS = [(given, wanted) for given in FILES for wanted in READERS if given != wa
 def test_a_file_of_another_kind_is_refused_in_one_message(given: str, wanted: str):
     (issue,) = issues_of(READERS[wanted], FILES[given])
     assert issue.startswith(f"{FILES[given]}: a {given} file, not a {wanted}; allowed: a {wanted} with ")
-
-
-@pytest.mark.parametrize("kind", FILES)
-def test_a_shipped_file_of_each_kind_has_a_key_that_marks_its_kind(kind: str):
-    assert read_toml(FILES[kind]).keys() & {*MARKS[kind]}
 
 
 def test_a_file_with_a_known_key_gets_its_unknown_keys_reported(tmp_path: Path):
