@@ -123,7 +123,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """What the bench itself missed, dropped, delayed or left undone; missed and delayed: 0 unless in real time."""
+    """Bench's part of a row: missed ticks, dropped frames, command delay (0 unless real time), stimuli not made."""
 
     ticks_missed: Annotated[
         float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)

@@ -136,7 +136,7 @@ def stolen(shares: dict[str, float]) -> Check:
     return judged("stolen time", found, "give this virtual machine CPUs of its own, or use a real machine")
 
 
-def recommended(lateness: Quantiles, tick: Quantiles | None, wanted: float = RATES[0]) -> float:
+def recommended(lateness: Quantiles, tick: Quantiles | None, wanted: float) -> float:
     """Return the highest rate [Hz], of RATES or `wanted`, at which under 1 wake-up in 1000 skips ticks; 0: none.
 
     A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.events import Event, events_since
-from liftgate_hil.ecu.memory import note_course
+from liftgate_hil.ecu.memory import command_course, note_course
 from liftgate_hil.ecu.node import NO_ECU, PORT, REFERENCE, Node, NodeState
 from liftgate_hil.ecu.reference import check_rig, ecu_config, last_frames, new_ecu
 from liftgate_hil.ecu.status import begin_cycle
-from liftgate_hil.signals import INPUT_COUNT
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.frames import Frames
@@ -139,7 +138,7 @@ class ReferenceEcu(Adapter):
 
     def command_digest(self) -> str:
         """Return a digest of the commands in all control cycles so far."""
-        return hashlib.sha256(self.state.reference.memory.course[:INPUT_COUNT].tobytes()).hexdigest()
+        return hashlib.sha256(command_course(self.state.reference.memory).tobytes()).hexdigest()
 
     def last_frames(self) -> Frames | None:
         """Return the ECU's command frames with the motors off, which it sends last."""

@@ -184,6 +184,11 @@ def note_course(memory: EcuMemory, has_changed_state: bool) -> None:
         _add_words(memory.course, at + k * _GUARD, guards, k * _GUARD, count)
 
 
+def command_course(memory: EcuMemory) -> Words:
+    """Return the checksums (INPUT_COUNT,) of the course that cover the command."""
+    return memory.course[:INPUT_COUNT]
+
+
 @compilable
 def _add_words(course: Words, at: int, words: Words, begin: int, count: int) -> int:
     """Fold `count` words into the course's checksums from index `at` on, modulo 2^64; return the next index."""

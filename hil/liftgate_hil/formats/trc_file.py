@@ -102,6 +102,7 @@ class TrcWriter(StreamWriter):
 
 # Places of bus, type, identifier and length, before the data, in a line of version 1; 0: it has none.
 _VERSION_1 = {"1.0": (0, 0, 2, 3), "1.1": (0, 2, 3, 4), "1.2": (2, 3, 4, 5), "1.3": (2, 3, 4, 6)}
+_VERSIONS = (*_VERSION_1, "2.0", "2.1")
 # Places of type, bus, identifier, direction, length and data in version 2, by the letters of $COLUMNS.
 _USUAL = "N,O,T,I,d,l,D"
 
@@ -139,9 +140,9 @@ class _Header:
                 self.start = in_words["start"]
             elif key == ";$COLUMNS":
                 self.columns = [each.strip() for each in value.split(",")]
-        if self.version not in (allowed := [*_VERSION_1, "2.0", "2.1"]):
+        if self.version not in _VERSIONS:
             raise ConfigError(
-                f"{path}: cannot be read: TRC version {self.version!r}; allowed: {', '.join(allowed)}"
+                f"{path}: cannot be read: TRC version {self.version!r}; allowed: {', '.join(_VERSIONS)}"
             )
         if self.version.startswith("2") and not {"O", "T", "I", "d"} <= {*self.columns}:
             raise ConfigError(

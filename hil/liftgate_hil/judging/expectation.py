@@ -38,7 +38,7 @@ class Expectation:
 
     @property
     def formula(self) -> str:
-        """What is expected, as text: kind, condition and hold time; for a trouble code, this and its state."""
+        """Text of the expectation: kind, condition and hold time; of a trouble code: kind, code and state."""
         if self.kind == "dtc":
             return f"dtc {self.condition} {self.state}"
         held = f" for {self.hold:g} s without interruption" if self.hold else ""

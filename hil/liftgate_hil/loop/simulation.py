@@ -68,7 +68,7 @@ def constant_voltage(volts: float) -> Samples:
 
 
 class Block(NamedTuple):
-    """One block of an offline simulation's result: its rows, and the Hall edges that occurred in it."""
+    """Block of an offline simulation's result: rows, and the Hall edges that occurred in them."""
 
     rows: Floats  # (n, ROW_WIDTH) of signals.COLUMNS
     edges: Any  # (m,) edge_ring.EDGE

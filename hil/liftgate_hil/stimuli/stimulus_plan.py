@@ -23,10 +23,10 @@ from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus
 from liftgate_hil.stimuli.bus_faults import note_force, on_bus
 from liftgate_hil.stimuli.command_queue import (
     CLOSED,
+    HELD,
     HELD_OBSTACLE,
     HELD_SURROUNDINGS,
     HELD_TIMING,
-    NAMES,
     CommandQueue,
     Opening,
     command_queue_of,
@@ -118,7 +118,7 @@ def stimulus_plan_of(
         moments,
         faults,
         bus_faults,
-        np.full(len(NAMES), np.nan),
+        np.full(len(HELD), np.nan),  # nothing is held before the first command
         asked,
         restbus,
         bus.tester or no_tester(),

@@ -26,13 +26,13 @@ def wakeups(
     [(60.0, 10_000), (90.0, 5_000), (400.0, 2_000), (900.0, 1_000), (4900.0, 200), (6000.0, 0)],
 )
 def test_the_recommended_rate_leaves_room_for_lateness_and_tick(p999_us: float, rate: int):
-    assert timing.recommended(wakeups(p999_us).lateness, CHEAP) == rate
+    assert timing.recommended(wakeups(p999_us).lateness, CHEAP, 1000.0) == rate
 
 
 def test_an_expensive_tick_lowers_the_rate_and_without_lateness_figures_none_is_recommended():
-    assert timing.recommended(wakeups(60.0).lateness, CHEAP._replace(p99_us=200.0)) == 2_000
-    assert timing.recommended(wakeups(60.0).lateness, None) == 10_000
-    assert timing.recommended(NOTHING, CHEAP) == 0
+    assert timing.recommended(wakeups(60.0).lateness, CHEAP._replace(p99_us=200.0), 1000.0) == 2_000
+    assert timing.recommended(wakeups(60.0).lateness, None, 1000.0) == 10_000
+    assert timing.recommended(NOTHING, CHEAP, 1000.0) == 0
 
 
 def test_the_verdict_has_rate_scheduling_mode_and_added_pinch_force():

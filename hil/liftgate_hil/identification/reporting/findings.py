@@ -16,7 +16,6 @@ from liftgate_hil.identification.result import (
     Identification,
     ModelResult,
     Series,
-    Validation,
     columns_of,
     series_of,
 )
@@ -31,7 +30,7 @@ _SMALL, _SMALL_STD = 0.01, 1.0  # change of an estimate that is not reported: sh
 # The same above which there is a warning. Of a product of which one factor is 10 % off, the other one changes by
 # 1/0.9 - 1 = 11 % at most: that is no amplification.
 _AMPLIFIED, _AMPLIFIED_STD = 0.12, 3.0
-Warned = TypeVar("Warned", Identification, Validation)
+Warned = TypeVar("Warned", bound=ModelResult)
 _ROUNDING = 1e-9  # of an output's range: largest residual of data without noise
 _FAR = 2.0  # ratio of the errors of two phases from which on the larger one is named
 _ALIKE = 0.98  # correlation of two courses of the same shape
