@@ -123,7 +123,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """Bench's part of a row: missed ticks, dropped frames, command delay (0 unless real time), stimuli not made."""
+    """Bench's part of a row: missed ticks, dropped frames, command delay, stimuli not made; see each."""
 
     ticks_missed: Annotated[
         float, Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True)
