@@ -15,7 +15,7 @@ from liftgate_hil.loop.loop_thread import LoopThread
 
 # In a process of its own, as all its threads are moved: one is named as a loop's, and stays on one CPU.
 MOVED = """
-import json, os, threading
+import json, os, threading, time
 from liftgate_hil.dashboard.deference import Deference
 from liftgate_hil.loop.loop_thread import LOOP, LoopThread
 from liftgate_hil.loop.priority import name_thread
@@ -26,13 +26,16 @@ def loop():
     name_thread(LOOP)
     os.sched_setaffinity(0, {allowed[-1]})
     started.set()
-    over.wait()
+    while not over.wait(0.001):  # awake again and again, so that it follows its affinity
+        pass
 
 thread = threading.Thread(target=loop)
 thread.start()
 started.wait()
 found, me = [LoopThread(os.getpid()).cpu()], os.getpid()
 for keep in ((), (thread.native_id,)):
+    while LoopThread(me).cpu() != allowed[-1]:
+        time.sleep(0.001)
     deference = Deference(frozenset(keep))
     for pid in (me, None):
         deference.give_way_to(pid)
