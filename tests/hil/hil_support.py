@@ -30,7 +30,7 @@ from liftgate_hil.config.database import DatabaseFile, load_messages
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, copied, initial_loop, tick
-from liftgate_hil.plan.loop_start import loop_config_of
+from liftgate_hil.plan.plan import loop_config_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.stimulus_plan import (

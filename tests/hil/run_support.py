@@ -13,7 +13,7 @@ from hil_support import loop_config, start_of, stimulus_plan
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
-from liftgate_hil.drive.run_plan import run_plan
+from liftgate_hil.drive.run import run_plan
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.plan.plan import plan_of

@@ -22,7 +22,7 @@ from liftgate_hil.ecu.calibration import Calibration, coded
 from liftgate_hil.ecu.events import BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING, Event
 from liftgate_hil.loop.episode import Episode, LoopStart
 from liftgate_hil.loop.tick import constants_in
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_of, setup_of
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of

@@ -26,9 +26,8 @@ import numpy as np
 from liftgate_hil.campaigns.evaluation import GROUP, Evaluator
 from liftgate_hil.campaigns.prepared import Prepared, prepared
 from liftgate_hil.campaigns.request import CampaignRequest
-from liftgate_hil.drive.start import SharedStarts, started
+from liftgate_hil.campaigns.shared_starts import SharedStarts
 from liftgate_hil.loop.episode import Episode
-from liftgate_hil.loop.tick import copied
 
 VARIANTS, MANY, ROUNDS = 10_000, 100_000, 8
 _SCENARIO = """
@@ -104,7 +103,7 @@ def _bare_seconds(evaluator: Evaluator, variants: Sequence[Sequence[float]]) -> 
         evaluator.reset()
         with contextlib.ExitStack() as stack:
             adapter = evaluator.adapter_of(plan, stack)
-            start = started(plan, adapter, copied(plan.stimuli), shared=starts)
+            start = starts.started(plan, adapter, plan.start.with_own_arrays(), lambda: False, None)
             episode = Episode(start, adapter, (), False, evaluator.memory)
             assert plan.ticks is not None
             ticks = plan.ticks

@@ -39,7 +39,7 @@ from liftgate_hil.loop.realtime_loop import (
 )
 from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received, stimulus_plan_of, turns

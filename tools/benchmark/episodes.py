@@ -29,7 +29,7 @@ from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, LoopStart
 from liftgate_hil.loop.observers import Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from liftgate_hil.plan.request import ticks_of
 from liftgate_hil.plan.setup import rig_from, scenario_from, vehicle_from
 from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of

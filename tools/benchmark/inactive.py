@@ -20,8 +20,7 @@ from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.episode import FRAMES, ROWS, Episode
 from liftgate_hil.loop.observers import Extremes, Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.plan.loop_start import loop_start_of
-from liftgate_hil.plan.plan import expected_in
+from liftgate_hil.plan.plan import expected_in, loop_start_of
 from liftgate_hil.plan.request import ticks_of
 from liftgate_hil.plan.setup import rig_of, setup_of
 

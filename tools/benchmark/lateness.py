@@ -30,7 +30,7 @@ from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.rings import DELAY, LATENESS
 from liftgate_hil.loop.tick import constants_in
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 from liftgate_hil.transport.base import LinkCounts

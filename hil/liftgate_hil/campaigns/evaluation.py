@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 from liftgate_hil.campaigns.base import Base, ecu_of
 from liftgate_hil.campaigns.figures import NO_FIGURES, Figures, FigureSink
+from liftgate_hil.campaigns.shared_starts import SharedStarts, reference_copied
 from liftgate_hil.campaigns.space import VariedTarget
 from liftgate_hil.conditions.evaluator import work_for
 from liftgate_hil.config.parameters import BODY_TABLES, DRIVE_TABLES, FreeParameter, keys_of, with_value
 from liftgate_hil.config.settings import Setting, settings_of
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.config.vehicle import VehicleFile, issues_with
-from liftgate_hil.drive.run_plan import adapter_of, judge_of
-from liftgate_hil.drive.start import SharedStarts, reference_copied, started
+from liftgate_hil.drive.run import adapter_of, judge_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import PORT, REFERENCE, NodeState
 from liftgate_hil.errors import ConfigError, LiftgateError, PreconditionError, causes
@@ -33,7 +33,6 @@ from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, Verdict, worst
 from liftgate_hil.loop.episode import FRAMES, ROWS, Episode, LoopStart
 from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.loop.tick import copied
 from liftgate_hil.plan.plan import Plan, plan_of
 from liftgate_hil.plan.setup import scenario_of, variant_of
 from liftgate_plant.coding import Coding
@@ -182,7 +181,7 @@ class Evaluator:
         """Load the machine code that all variants run, before processes are forked from this one."""
         plan = self._plan
         adapter = Adapter(plan.rig, plan.setup.vehicle.drives)
-        Episode(started(plan, adapter, copied(plan.stimuli)), adapter, memory=self.memory).begin()
+        Episode(plan.start.with_own_arrays(), adapter, memory=self.memory).begin()
         judge_of(plan)
 
     def close(self) -> None:
@@ -225,8 +224,8 @@ class Evaluator:
             plan = self.plan(values)
             trial.judge = judge_of(plan, self._work)
             adapter = self.adapter_of(plan, trial.stack)
-            # This plan is run once: its stimuli need no copy.
-            start = started(plan, adapter, plan.stimuli, stopped, self.memory, self._starts)
+            # This plan is run once: its start needs no copy.
+            start = self._starts.started(plan, adapter, plan.start, stopped, self.memory)
             trial.ready = _Ready(plan, adapter, start, adapter.state)
         except PreconditionError as failure:
             trial.given_up = str(failure)

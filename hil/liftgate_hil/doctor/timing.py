@@ -70,7 +70,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Quantiles:
     from liftgate_hil.loop.rings import EXECUTION
     from liftgate_hil.loop.tick import constants_in, copied, initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
-    from liftgate_hil.plan.loop_start import loop_config_of
+    from liftgate_hil.plan.plan import loop_config_of
     from liftgate_hil.plan.setup import rig_from, vehicle_from
     from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
     from liftgate_plant.initial import initial_state

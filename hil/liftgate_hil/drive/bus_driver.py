@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, TypeVar
 from liftgate_hil.config.choices import WireChoice
 from liftgate_hil.drive.driver import Driver
 from liftgate_hil.drive.precondition import phases_of
-from liftgate_hil.drive.start import started
 from liftgate_hil.drive.stepping import CommandLog, StepsAgain, relevant_frames
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.isolate.isolation import ProgressSink, foreign_code
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, STOPPED
 from liftgate_hil.loop.listener import Relay
-from liftgate_hil.loop.tick import copied
+from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.operate.attachment.description import Description
 from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.attachment.server import RunEnd, Server
@@ -75,7 +74,7 @@ class BusDriver(Driver):
     def prepare(self, stack: contextlib.ExitStack) -> None:
         """Find the bus (else a virtual one), run an in-process ECU's precondition; make peers, observers, server.
 
-        Raises ConfigError, TransportError, and what `started` raises.
+        Raises ConfigError, TransportError, and what `after_precondition` raises.
         """
         plan, job, rig, memory = self.plan, self.plan.job, self.plan.rig, self.memory
         server = None
@@ -84,9 +83,13 @@ class BusDriver(Driver):
             stack.callback(server.close)
         self.listener = server or job.listener
         self.way = plan.way or find_way(WireChoice(bus=f"virtual:run-{id(plan):x}"), rig)
-        self.start = started(plan, self.adapter, copied(plan.stimuli), self.stopped, memory)
+        self.start = plan.start.with_own_arrays()
+        is_inside = job.request.ecu != ON_A_BUS
+        if is_inside and (actions := plan.setup.scenario.precondition):  # that of an ECU on a bus is on the wire
+            guard = partial(foreign_code, memory)
+            self.start = after_precondition(self.start, self.adapter, actions, self.stopped, guard)
         stimuli = self.start.stimuli
-        if job.request.ecu != ON_A_BUS:
+        if is_inside:
             wire = open_transport(self.way)
             stack.callback(wire.close)
             requests, guard = (stimuli.requests, stimuli.moments), partial(foreign_code, memory)
@@ -96,7 +99,7 @@ class BusDriver(Driver):
             stimuli.not_made[OFF_A_REAL_BUS] = 1
         waits = plan.request.clock != "realtime"
         if not self.peers:
-            self.phases = list(phases_of(plan.setup, rig, plan.config.step))
+            self.phases = list(phases_of(plan.setup, rig, self.start.config.step))
             self.restarts = restarts_of(rig, stimuli, self.listener.say, waits, self.stopped)
         if self.restarts is not None:
             stack.callback(self.restarts.stop)
@@ -104,7 +107,7 @@ class BusDriver(Driver):
             plan, stimuli, self.is_real, self.listener, self.peers, self.restarts, server
         )
         if server is not None:
-            server.acting = Acting(plan.setup.vehicle, plan.config, stimuli, self.start.state.reception)
+            server.acting = Acting(plan.setup.vehicle, self.start.config, stimuli, self.start.state.reception)
         self.log = CommandLog() if self.judge is not None and not waits else None
         self.sinks = [*self.sinks, *([self.log] if self.log else []), *([ProgressSink(memory)] if memory else [])]
         self.is_prepared = True
@@ -144,7 +147,7 @@ class BusDriver(Driver):
 
         return ProgressMonitor(
             self.plan.rig,
-            self.plan.config,
+            self.start.config,
             self.start.state.reception,
             self.listener,
             self.adapter.events,

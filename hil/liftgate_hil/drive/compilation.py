@@ -12,7 +12,7 @@ from liftgate_hil.loop.listener import Listener
 # Names in messages, and modules, of all entry points of machine code, by their functions.
 ENTRY_POINTS = {
     "run_realtime": ("real-time loop", "liftgate_hil.loop.realtime_loop"),
-    "run_stretch": ("closed loop", "liftgate_hil.loop.closed_loop"),
+    "run_stretch": ("closed loop", "liftgate_hil.loop.episode"),
     "scheduled_tick": ("loop on a bus", "liftgate_hil.loop.python_loop"),
     "turn": ("ECU's side of the bus", "liftgate_hil.ecu.node"),
     "block": ("simulation", "liftgate_hil.loop.simulation"),

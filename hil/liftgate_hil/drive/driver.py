@@ -76,7 +76,7 @@ class Driver:
     def prepare(self, stack: contextlib.ExitStack) -> None:
         """Open the resources needed until the result has been reported; leaving the `stack` closes them.
 
-        Raises ConfigError, TransportError, and what `started` raises.
+        Raises ConfigError, TransportError, and what `after_precondition` raises.
         """
 
     def begin(self, stack: contextlib.ExitStack) -> None:
@@ -119,8 +119,8 @@ class Driver:
     def completed(self, summary: Summary, state: LoopState, stimuli: StimulusPlan) -> Summary:
         """Complete a run's summary with the counts and texts of refused and discarded frames, and return it."""
         plan = self.plan
-        began_s = int(stimuli.origin[0]) * plan.config.step
-        texts = RefusalTexts(plan.rig, plan.config, began_s, is_bus=plan.way is not None)
+        began_s = int(stimuli.origin[0]) * plan.start.config.step
+        texts = RefusalTexts(plan.rig, plan.start.config, began_s, is_bus=plan.way is not None)
         texts.tell(summary, state.reception)
         received = summary.received
         summary.discarded = min(received.lost, self.adapter.in_flight)  # by the counter of the next frame

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+from functools import partial
 
 from liftgate_hil.drive.driver import Driver, Recordings
-from liftgate_hil.drive.start import started
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.isolate.isolation import foreign_code
 from liftgate_hil.loop.episode import Episode
+from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.progress_monitor import ProgressMonitor
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.loop.tick import copied
 from liftgate_hil.plan.provenance import content_of
 from liftgate_hil.plan.request import PRIVATE_BUS
 
@@ -32,13 +32,16 @@ class EpisodeDriver(Driver):
             raise ConfigError("`duration`: missing; allowed: in the scenario, or as an argument")
         listener = plan.job.listener
         self.recordings = Recordings(plan, content_of(plan, PRIVATE_BUS), listener.alarm, stack)
-        begin = started(plan, self.adapter, copied(plan.stimuli), self.stopped, self.memory)
+        begin = plan.start.with_own_arrays()
+        if actions := plan.setup.scenario.precondition:
+            guard = partial(foreign_code, self.memory)
+            begin = after_precondition(begin, self.adapter, actions, self.stopped, guard)
         sinks = [*self.sinks, *self.recordings.sinks]
         is_recorded = bool(self.recordings.sinks) or (self.judge is not None and self.judge.reads_the_bus)
         self._episode = episode = Episode(begin, self.adapter, sinks, is_recorded, self.memory)
         # Messages of progress are of no use at this speed; the result has the same.
         before, reception = int(begin.stimuli.origin[0]), episode.state.reception
-        episode.monitor = ProgressMonitor(plan.rig, plan.config, reception, listener, ticks_before=before)
+        episode.monitor = ProgressMonitor(plan.rig, begin.config, reception, listener, ticks_before=before)
         stack.callback(episode.close)
         listener.starts(f"{plan.setup.vehicle_name} without a bus")
         if plan.way is not None:

@@ -44,7 +44,7 @@ from liftgate_hil.operate.by_hand import STIFFNESS, held_obstacle, obstacle_in, 
 from liftgate_hil.operate.cyclic_command import CyclicCommand
 from liftgate_hil.operate.loop_target import LoopTarget
 from liftgate_hil.operate.orders import Orders
-from liftgate_hil.plan.loop_start import loop_start_of
+from liftgate_hil.plan.plan import loop_start_of
 from liftgate_hil.plan.request import RATE
 from liftgate_hil.plan.setup import rig_of, setup_of, variant_of
 from liftgate_hil.plan.stimulation import opening_of

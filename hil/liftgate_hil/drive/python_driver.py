@@ -42,7 +42,7 @@ class PythonDriver(BusDriver):
         sinks = [*self.sinks, *recordings.sinks, *self._sinks_of_clients(channel, recordings, stack)]
         has_run = self.run_phases(functools.partial(self._phase_begun, transport))
         self._loop = loop = Loop(
-            config=plan.config,
+            config=self.start.config,
             state=self.start.state,
             stimuli=self.start.stimuli,
             transport=transport,
@@ -74,7 +74,7 @@ class PythonDriver(BusDriver):
     def _phase_begun(self, transport: Transport, phase: Phase, is_first: bool) -> Going:
         """Begin a phase before time 0, and return the function that runs it from a state until it is stopped."""
         before = Loop(
-            self.plan.config,
+            self.start.config,
             self.start.state,
             phase.stimuli,
             transport,

@@ -75,7 +75,7 @@ class RealtimeDriver(BusDriver):
         memory = memory_for(plan.request.rate)
         stack.callback(memory.close)
         return RealtimeRun(
-            config=plan.config,
+            config=self.start.config,
             state=self.start.state,
             stimuli=stimuli,
             line=line,

@@ -71,7 +71,7 @@ def _beat(memory: Memory, address: tuple[str, bytes]) -> None:
 def _result_of(pickled: bytes, memory: Memory) -> object:
     """Return the result of a pickled plan, or the error that ended it."""
     from liftgate_hil.config.can_libraries import unpickled
-    from liftgate_hil.drive.run_plan import run_plan
+    from liftgate_hil.drive.run import run_plan
     from liftgate_hil.plan.plan import Plan
 
     control = memory.shared.control

@@ -64,13 +64,11 @@ def after_precondition(
     stopped: Callable[[], bool] = lambda: False,
     guard: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> LoopStart:
-    """Run the driver's requests, each once the last one's motion has ended; return the LoopStart after them.
+    """Run requests of the driver, each once the last one's motion has ended; return the LoopStart after them.
 
     Its stimuli, which are those of `start`, begin there. The ECU runs within contexts that `guard` makes. Raises
     PreconditionError, EcuError, PlantDivergedError.
     """
-    if not actions:
-        return start
     config, stimuli = start.config, start.stimuli
     look = max(1, round(_LOOK / config.step))
     sinks: list[StandstillDetector] = []

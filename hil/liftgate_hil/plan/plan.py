@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.config.scenario import Scenario, begins
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.sources import Source, sources_of
@@ -21,15 +24,21 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.datagrams import POSSIBLE
-from liftgate_hil.loop.tick import LoopConfig
-from liftgate_hil.plan.loop_start import loop_config_of
+from liftgate_hil.loop.episode import LoopStart
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
 from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
-from liftgate_hil.plan.request import Job, RunRequest, ticks_of
-from liftgate_hil.plan.setup import Setup, rig_of, setup_for
+from liftgate_hil.plan.request import NS, Job, RunRequest, ticks_of
+from liftgate_hil.plan.setup import Setup, setup_and_rig
 from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
+from liftgate_hil.signals import OUT
 from liftgate_hil.stimuli.command_queue import CLOSED, Opening
-from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.find import Way, find_way
+from liftgate_plant.faults import SOUND
+from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.initial import closed_state, initial_state
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+_EDGES = 64  # of the ring of Hall edges
 
 
 @dataclass(frozen=True)
@@ -65,12 +74,11 @@ class Subject:
 
 @dataclass(frozen=True)
 class Plan(Subject):
-    """Plan of a run: all that the run needs, validated. No run changes it: each uses a copy of `stimuli`."""
+    """Plan of a run: all that the run needs, validated. No run changes it: each goes on from a copy of `start`."""
 
     way: Way | None  # of the wire; None: there is none
-    config: LoopConfig
+    start: LoopStart  # the gate at rest; the scenario's precondition, if any, comes before its time 0
     opening: Opening  # what may be injected while it runs
-    stimuli: StimulusPlan  # at the scenario's time 0
     expected: Expected
     trigger: Trigger | None  # None: all of the run is recorded
 
@@ -91,9 +99,8 @@ class Plan(Subject):
 def plan_of(job: Job) -> Plan:
     """Build the plan of a job, completed from its scenario. Raises ConfigError with all issues."""
     check_ecu(job.request.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere)
-    setup = setup_for(job.request)
+    setup, rig = setup_and_rig(job.request)
     job.request.check()
-    rig = rig_of(job.request.rig, setup.scenario)
     way = None if job.wire is None else find_way(job.wire, rig)
     files = {"rig": Path(rig.source), "dbc": rig.database, **setup.files}  # none of what a program made
     if (ecu := _identity_of(job, setup).get("path")) is not None:
@@ -133,10 +140,53 @@ def planned(
         raise ConfigError(issues)
     made_from = setup.vehicle, setup.seed, request.rate
     if other is not None and (other.setup.vehicle, other.setup.seed, other.request.rate) == made_from:
-        config = other.config
+        config = other.start.config
     else:
         config = loop_config_of(setup.vehicle, rig, request.rate, setup.seed)
-    return Plan(job, setup, rig, sources, way, config, opening, stimuli, expected, trigger)
+    start = LoopStart(config, start_of(config, setup.start_angle), stimuli)
+    return Plan(job, setup, rig, sources, way, start, opening, expected, trigger)
+
+
+def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
+    """Return the constants of a loop at a rate [Hz]. Raises ConfigError where the rig does not fit."""
+    check_fit(rig, vehicle, rate)
+    mapped = {mapping.quantity for mapping in rig.inputs}
+    outputs = rig.output_config()
+    plant = plant_of(vehicle)
+    return LoopConfig(
+        plant=plant,
+        sensors=vehicle.sensors,
+        friction=friction_profile(vehicle, plant, seed),
+        load=load_of(vehicle),
+        faults=SOUND,
+        inputs=rig.input_config(),
+        outputs=outputs,
+        signed_left=int("left_direction" not in mapped),
+        signed_right=int("right_direction" not in mapped),
+        latch_mapped=int("latch_release" in mapped),
+        hold_message=message_of(outputs, OUT.pinch_force_max),
+        obstacle_distance=vehicle.gate.length,
+        step=1.0 / rate,
+        step_ns=round(NS / rate),
+        seed=seed,
+        nothing=empty_frames(0),
+    )
+
+
+def loop_start_of(
+    setup: Setup, rig: Rig, rate: float, opening: Opening = CLOSED, edges: int = _EDGES
+) -> LoopStart:
+    """Return a loop at rest with a setup's stimuli, for an ECU in this process. Raises ConfigError."""
+    config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
+    state = start_of(config, setup.start_angle, edges)
+    return LoopStart(config, state, planned_stimuli(setup, rig, opening=opening))
+
+
+def start_of(config: LoopConfig, angle: float = 0.0, edges: int = _EDGES) -> LoopState:
+    """Return a loop's state with room for `edges` Hall edges; its gate rests at `angle` [rad], latched at 0."""
+    is_closed = angle == 0.0
+    state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)
+    return initial_loop(config, state, edges)
 
 
 def _periods(scenario: Scenario, rate: float) -> list[str]:

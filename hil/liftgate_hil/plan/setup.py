@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from liftgate_hil.config.choices import SetupChoice
 from liftgate_hil.config.described import seed_of, value_of
@@ -22,6 +23,9 @@ from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import VehicleFile, load_vehicle, read_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from liftgate_hil.plan.request import RunRequest
 
 
 def vehicle_from(
@@ -178,6 +182,12 @@ def setup_for(choice: SetupChoice) -> Setup:
         seed=choice.seed,
         variant=variant_of(choice.draw, choice.ideal),
     )
+
+
+def setup_and_rig(request: RunRequest) -> tuple[Setup, Rig]:
+    """Build the setup and the rig that a request for a run chooses. Raises ConfigError."""
+    setup = setup_for(request)
+    return setup, rig_of(request.rig, setup.scenario)
 
 
 def setup_of(

@@ -27,8 +27,7 @@ from liftgate_hil.judging.judge import Gap, Judge
 from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
-from liftgate_hil.plan.loop_start import loop_start_of
-from liftgate_hil.plan.plan import expected_in
+from liftgate_hil.plan.plan import expected_in, loop_start_of
 from liftgate_hil.plan.recorded_setup import recorded_setup
 from liftgate_hil.plan.setup import Setup, rig_of, setup_of
 from liftgate_hil.plan.stimulation import reset_failure

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from liftgate_hil.campaigns import shared_starts
 from liftgate_hil.campaigns.base import Base, base_of
 from liftgate_hil.campaigns.evaluation import Evaluator, Row, Vehicles
 from liftgate_hil.campaigns.figures import figures_of
@@ -19,7 +20,6 @@ from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.variant import AS_FILED
 from liftgate_hil.config.vehicle import read_vehicle
-from liftgate_hil.drive import start
 from liftgate_hil.drive.result import Result
 from liftgate_hil.drive.run import run
 from liftgate_hil.plan.plan import plan_of
@@ -99,8 +99,8 @@ def test_variants_that_share_a_precondition_equal_single_runs(tmp_path: Path) ->
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A list that gets one entry for each precondition that is run."""
-    found, whole = list[int](), start.after_precondition
-    monkeypatch.setattr(start, "after_precondition", lambda *args: found.append(1) or whole(*args))
+    found, whole = list[int](), shared_starts.after_precondition
+    monkeypatch.setattr(shared_starts, "after_precondition", lambda *args: found.append(1) or whole(*args))
     return found
 
 

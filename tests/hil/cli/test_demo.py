@@ -443,7 +443,7 @@ def test_a_demo_stopped_during_compilation_writes_no_picture(
         signal.raise_signal(signal.SIGTERM)
         raise GivenUpError
 
-    monkeypatch.setattr("liftgate_hil.drive.run_plan.adapter_for", given_up)
+    monkeypatch.setattr("liftgate_hil.drive.run.adapter_for", given_up)
     assert demo() == 143
     assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
     assert not (folder / "demo.png").exists()

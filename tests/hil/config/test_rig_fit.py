@@ -13,7 +13,7 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit, expected_values, notes_on_fit
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.plan.loop_start import loop_config_of
+from liftgate_hil.plan.plan import loop_config_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 
 VEHICLES = ("suv", "heavy-suv", "compact")

@@ -18,7 +18,7 @@ from c_library import build, needs_compiler, source_of
 
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.drive.run_plan import run_plan
+from liftgate_hil.drive.run import run_plan
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.isolate.isolation import run_isolated

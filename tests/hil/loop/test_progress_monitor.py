@@ -12,7 +12,7 @@ from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
 from liftgate_hil.loop.listener import Listener, RunStatus
 from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from liftgate_hil.plan.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.transport.base import LinkCounts

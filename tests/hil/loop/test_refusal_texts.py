@@ -23,7 +23,7 @@ from liftgate_hil.codec.refusals import (
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop.refusal_texts import RefusalTexts
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.plan.loop_start import loop_config_of, start_of
+from liftgate_hil.plan.plan import loop_config_of, start_of
 from tests.plant.runs import suv
 
 

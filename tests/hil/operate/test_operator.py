@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hil_support import OPEN, both, command_frame, shipped_rig
 
-from liftgate_hil.drive.run_plan import run_plan
+from liftgate_hil.drive.run import run_plan
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.operate import operator
 from liftgate_hil.operate.attachment.client import Client

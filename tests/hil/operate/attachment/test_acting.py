@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil.loop.tick import copied
 from liftgate_hil.operate.attachment.drawing import Acting
 from liftgate_hil.operate.by_hand import held_obstacle, obstacle_in
-from liftgate_hil.plan.loop_start import start_of
 from liftgate_hil.plan.plan import plan_of
 from liftgate_hil.plan.request import Job, RunRequest
 from liftgate_hil.stimuli.command_queue import NAMES
@@ -38,7 +36,8 @@ def acting(tmp_path: Path) -> Acting:
     path = tmp_path / "s.toml"
     path.write_text(TEXT, encoding="utf-8")
     plan = plan_of(Job(RunRequest(path, clock="realtime")))
-    return Acting(plan.setup.vehicle, plan.config, copied(plan.stimuli), start_of(plan.config).reception)
+    begin = plan.start.with_own_arrays()
+    return Acting(plan.setup.vehicle, begin.config, begin.stimuli, begin.state.reception)
 
 
 def command(stimuli: StimulusPlan, **keys: object) -> None:

@@ -1,4 +1,4 @@
-"""Start of a run: gate and ECU at the scenario's time 0, after the precondition, which runs may share."""
+"""States of gate and ECU at the scenario's time 0, after a precondition that variants of a campaign share."""
 
 from __future__ import annotations
 
@@ -9,46 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.ecu.node import NO_ECU, REFERENCE
+from liftgate_hil.ecu.node import REFERENCE
 from liftgate_hil.isolate.isolation import foreign_code
-from liftgate_hil.loop.episode import LoopStart
 from liftgate_hil.loop.precondition import after_precondition
 from liftgate_hil.loop.tick import copied
-from liftgate_hil.plan.loop_start import start_of
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.ecu.node import NodeState
+    from liftgate_hil.loop.episode import LoopStart
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.plan.plan import Plan
     from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
-
-
-def started(
-    plan: Plan,
-    adapter: Adapter,
-    stimuli: StimulusPlan,
-    stopped: Callable[[], bool] = lambda: False,
-    memory: Memory | None = None,
-    shared: SharedStarts | None = None,
-) -> LoopStart:
-    """Return a plan's loop at time 0, where `stimuli`, the plan's or a copy of them, begin.
-
-    An ECU in this process goes through the precondition, from which `shared` keeps the state for other runs; that
-    of an ECU on a bus is on the wire. Raises as `after_precondition`.
-    """
-    begin = LoopStart(plan.config, start_of(plan.config, plan.setup.start_angle), stimuli)
-    if adapter.kind == NO_ECU:
-        return begin
-    if shared is not None and (kept := shared.restored(plan, adapter, begin)) is not None:
-        return kept
-    actions = plan.setup.scenario.precondition
-    before = copied(stimuli) if shared is not None and actions else None
-    found = after_precondition(begin, adapter, actions, stopped, partial(foreign_code, memory))
-    if shared is not None and before is not None:
-        shared.keep(plan, adapter, before, found)
-    return found
 
 
 @dataclass(frozen=True)
@@ -72,17 +45,31 @@ class SharedStarts:
     def __init__(self) -> None:
         self._kept: _Kept | None = None
 
-    def restored(self, plan: Plan, adapter: Adapter, begin: LoopStart) -> LoopStart | None:
+    def started(
+        self, plan: Plan, adapter: Adapter, start: LoopStart, stopped: Callable[[], bool], memory: Memory | None
+    ) -> LoopStart:
+        """Return the loop at time 0 from its `start`, the plan's or a copy. Raises as `after_precondition`."""
+        actions = plan.setup.scenario.precondition
+        if not actions:
+            return start
+        if (kept := self._restored(plan, adapter, start)) is not None:
+            return kept
+        before = copied(start.stimuli)
+        found = after_precondition(start, adapter, actions, stopped, partial(foreign_code, memory))
+        self._keep(plan, adapter, before, found)
+        return found
+
+    def _restored(self, plan: Plan, adapter: Adapter, begin: LoopStart) -> LoopStart | None:
         """Restore the ECU's and the stimuli's kept state; return the loop at time 0; None: none fits this run."""
         kept = self._kept
         if kept is None or kept.key != _key_of(plan):
             return None
         adapter.state = reference_copied(kept.node)
-        adapter.begins_anew(kept.origin * plan.config.step, kept.in_flight)
+        adapter.begins_anew(kept.origin * plan.start.config.step, kept.in_flight)
         begin.stimuli.origin[0] = kept.origin
         return begin._replace(state=copied(kept.loop))
 
-    def keep(self, plan: Plan, adapter: Adapter, before: StimulusPlan, after: LoopStart) -> None:
+    def _keep(self, plan: Plan, adapter: Adapter, before: StimulusPlan, after: LoopStart) -> None:
         """Keep a reference ECU's state after a precondition if only the stimuli's origin changed; else none."""
         stimuli = after.stimuli
         # When faults are looked at next is found anew at time 0, with the same result.
