@@ -6,10 +6,6 @@ is kept.
 from __future__ import annotations
 
 import argparse
-import shlex
-import shutil
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.cli.command import Call, add_printed
@@ -25,45 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(call: Call) -> int:
     """Run the subcommand `init` (create a folder of files to start from) and return its exit code."""
-    from liftgate_hil.config.starter import create_starter
+    from liftgate_hil.config.starter import contents, create_starter, next_steps
 
     folder = str(call.values["folder"])
     written = create_starter(Path(folder))
     if not call.is_quiet:
-        print("\n".join([*_contents(folder, written), "", *_next_steps(folder)]))
+        print("\n".join([*contents(folder, written), "", *next_steps(folder)]))
     return 0
-
-
-def _contents(folder: str, written: Sequence[Path]) -> list[str]:
-    """Return the list of created files, one line for each folder."""
-    names: dict[Path, list[str]] = {}
-    for path in written:
-        names.setdefault(Path(folder, path.parent), []).append(path.name)
-    return [f"written: {parent}: {', '.join(each)}" for parent, each in names.items()]
-
-
-def _next_steps(folder: str) -> list[str]:
-    """Return the next steps: the commands of the new folder's README, with the folder's name and this Python."""
-    from liftgate_hil.config.starter import starter_readme
-
-    heading = ""
-    program, pytest, make = "liftgate-hil", "python -m pytest", "make -C ecu"
-    python = Path(sys.executable)
-    if Path(shutil.which("python3") or "").parent != python.parent:
-        # The environment is not activated: PATH leads to another Python, without this package.
-        quoted = shlex.quote(str(python))
-        program, pytest = f"{quoted} -m liftgate_hil", f"{quoted} -m pytest"
-        make += f" PYTHON={quoted}"
-    instead = {"liftgate-hil": program, "python -m pytest": pytest, "make -C ecu": make}
-    steps = ["next:", f"  cd {shlex.quote(folder)}"]
-    for line in starter_readme().read_text(encoding="utf-8").splitlines():
-        step = line.removeprefix("    ")
-        if line.startswith("## "):
-            heading = line.removeprefix("## ")
-        elif step != line:
-            if heading:
-                steps += ["", f"  # {heading}"]
-                heading = ""
-            start = next((each for each in instead if step.startswith(each)), "")
-            steps.append(f"  {instead.get(start, start)}{step.removeprefix(start)}")
-    return steps

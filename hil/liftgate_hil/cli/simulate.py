@@ -8,19 +8,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from liftgate_hil.cli.command import Call, add_flags, as_flags
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.simulation.request import SimulateRequest
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from liftgate_hil.formats.content import Content
 
 _STDOUT = "-"  # as `output`
 
@@ -38,7 +30,7 @@ def run(call: Call) -> int:
     from liftgate_hil.cli.terminal.screen import Screen
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.drive.compilation import reporting_compilation
-    from liftgate_hil.simulation.simulate import simulated
+    from liftgate_hil.simulation.simulate import simulated, write_table
 
     request = call.request(SimulateRequest)
     if str(request.output or _STDOUT) == _STDOUT:
@@ -56,7 +48,7 @@ def run(call: Call) -> int:
         print(as_flags(f"liftgate-hil simulate: {text}"), file=sys.stderr)
 
     with progress, reporting_compilation(teller, stopped), contextlib.suppress(GivenUpError):
-        found = simulated(request, _print_table, stopped, report, teller.say, note)
+        found = simulated(request, write_table, stopped, report, teller.say, note)
         if found.is_complete:
             if request.output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
                 teller.say(f"written: {request.output}, {found.rows} rows to {found.time_s:.3f} s")
@@ -64,19 +56,3 @@ def run(call: Call) -> int:
         names = " and ".join(str(name) for name in (request.output or _STDOUT, request.edges) if name)
         print(f"liftgate-hil simulate: {names} {found.remark}", file=sys.stderr)
     return stopped.exit_code
-
-
-def _print_table(content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:
-    """Write a table to stdout as CSV. Raises RecordingError."""
-    from liftgate_hil.formats.csv_writer import CsvWriter
-    from liftgate_hil.formats.target import why
-
-    try:
-        table = CsvWriter(sys.stdout.buffer, content)
-        for rows in blocks:
-            table.write_rows(rows)
-        table.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise RecordingError(f"`output` -: {why(error)}") from error

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_compiler.files import write_whole
@@ -87,3 +91,36 @@ def _in_the_way(folder: Path, name: Path) -> Path | None:
         if os.path.lexists(place) and (part == name or not place.is_dir()):
             return part
     return None
+
+
+def contents(folder: str, written: Sequence[Path]) -> list[str]:
+    """Return the list of created files, one line for each folder."""
+    names: dict[Path, list[str]] = {}
+    for path in written:
+        names.setdefault(Path(folder, path.parent), []).append(path.name)
+    return [f"written: {parent}: {', '.join(each)}" for parent, each in names.items()]
+
+
+def next_steps(folder: str) -> list[str]:
+    """Return the next steps: the commands of the new folder's README, with the folder's name and this Python."""
+    heading = ""
+    program, pytest, make = "liftgate-hil", "python -m pytest", "make -C ecu"
+    python = Path(sys.executable)
+    if Path(shutil.which("python3") or "").parent != python.parent:
+        # The environment is not activated: PATH leads to another Python, without this package.
+        quoted = shlex.quote(str(python))
+        program, pytest = f"{quoted} -m liftgate_hil", f"{quoted} -m pytest"
+        make += f" PYTHON={quoted}"
+    instead = {"liftgate-hil": program, "python -m pytest": pytest, "make -C ecu": make}
+    steps = ["next:", f"  cd {shlex.quote(folder)}"]
+    for line in starter_readme().read_text(encoding="utf-8").splitlines():
+        step = line.removeprefix("    ")
+        if line.startswith("## "):
+            heading = line.removeprefix("## ")
+        elif step != line:
+            if heading:
+                steps += ["", f"  # {heading}"]
+                heading = ""
+            start = next((each for each in instead if step.startswith(each)), "")
+            steps.append(f"  {instead.get(start, start)}{step.removeprefix(start)}")
+    return steps

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,13 +19,13 @@ import numpy as np
 from liftgate_hil.config.described import command
 from liftgate_hil.config.plausibility import notes_on_vehicle
 from liftgate_hil.described_result import DescribedResult, Shown
-from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.errors import ConfigError, RecordingError, printable
 from liftgate_hil.formats.content import Content
 from liftgate_hil.formats.edges import EdgeFile
 from liftgate_hil.formats.guarded import Say, raise_failures, silent
 from liftgate_hil.formats.open import check_file, open_file, open_writer
 from liftgate_hil.formats.suffixes import FORMATS, TABLES, WITH_ROWS
-from liftgate_hil.formats.target import check_no_input, is_one_of
+from liftgate_hil.formats.target import check_no_input, is_one_of, why
 from liftgate_hil.loop.simulation import Block, Floats, Samples, blocks_of, constant_voltage
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs, parse_maps
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
@@ -288,3 +289,18 @@ def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[Fl
         if edge_file is not None:
             edge_file.write(block.edges)
         yield block.rows
+
+
+def write_table(content: Content, blocks: Iterable[Floats]) -> None:
+    """Write a table to stdout as CSV. Raises RecordingError; BrokenPipeError where nobody reads on."""
+    from liftgate_hil.formats.csv_writer import CsvWriter
+
+    try:
+        table = CsvWriter(sys.stdout.buffer, content)
+        for rows in blocks:
+            table.write_rows(rows)
+        table.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"`output` -: {why(error)}") from error

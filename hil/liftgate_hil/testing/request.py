@@ -1,4 +1,4 @@
-"""Requests of `judge` and of `test`."""
+"""Requests of `judge` and of `test`, and the flags of `demo`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ from liftgate_hil.config.choices import (
     WireChoice,
 )
 from liftgate_hil.config.described import Field, Record
-from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Whole
+from liftgate_hil.config.kinds import Choice, File, Flag, Number, Paths, Raw, Text, Whole
 from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
@@ -109,3 +109,14 @@ class SuiteRequest(SuiteFiles, ReportsChoice, ParametersChoice, VehicleSettings,
         if self.mutants and (self.ecu != REFERENCE or self.clock != "free"):
             raise ConfigError("`mutants`: allowed with `ecu` reference and `clock` free")
         check_cpu(self.cpu)
+
+
+# fmt: off
+class DemoFiles(Record):
+    """Flags that only `demo` has: the files that it writes, and the serial line of its ECU."""
+
+    ecu_serial: Annotated[str | None, Field(Text("PORT[@BAUD]"), "the other end of --serial, for the ECU",
+        metavar="PORT[@BAUD]")] = None
+    output: Annotated[str | Path, Field(File(), "folder for demo.log, demo.csv and demo.png, created if missing",
+        metavar="FOLDER")] = "."
+    no_record: Annotated[bool, Field(Flag(), "write no demo.log, demo.csv and demo.png")] = False

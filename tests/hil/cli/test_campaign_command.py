@@ -21,8 +21,8 @@ from campaign_support import SHORT
 from liftgate_compiler.files import name_beside
 from liftgate_hil.campaigns import adaptive
 from liftgate_hil.campaigns.folder import DATA, LOCK, Folder
+from liftgate_hil.campaigns.outcome_text import outcome_lines
 from liftgate_hil.campaigns.store import StoreError
-from liftgate_hil.cli.campaign import _summarise
 from liftgate_hil.cli.main import main
 
 PATIENCE = 300.0  # s; nothing is judged by it
@@ -337,8 +337,7 @@ def test_error_counts_of_a_stopped_campaign_omit_unevaluated_variants(capsys: py
         folder=SimpleNamespace(path=Path("campaign")),
         analysis=SimpleNamespace(content={}),
     )
-    _summarise(outcome, is_quiet=False)
-    assert capsys.readouterr().out.splitlines()[0] == "5 of 10 variants: 2 error, 3 pass; 1.0 s"
+    assert next(outcome_lines(outcome)) == "5 of 10 variants: 2 error, 3 pass; 1.0 s"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

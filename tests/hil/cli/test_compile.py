@@ -11,7 +11,7 @@ import pytest
 
 import liftgate_compiler as compiler
 import liftgate_hil
-from liftgate_hil.cli.compile import function_of
+from liftgate_hil.cli.machine_code import function_of
 from liftgate_hil.cli.main import main
 from liftgate_hil.drive.compilation import ENTRY_POINTS, reporting_compilation
 from liftgate_hil.drive.run import execute

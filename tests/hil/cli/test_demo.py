@@ -36,7 +36,7 @@ from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.plan.request import RunRequest
 from liftgate_hil.plan.setup import scenario_from
 from liftgate_hil.report.pinch import pinch_event
-from liftgate_hil.testing.demo_verdict import busy_with, failures
+from liftgate_hil.testing.demo import busy_with, failures
 
 TEXT = """
 import os
@@ -237,7 +237,7 @@ def test_the_page_shows_the_recording_of_the_repeated_run_at_the_same_address(
 
     monkeypatch.setattr(_Demo, "_shown", clocked)
     monkeypatch.setattr(_Demo, "_present", lambda *_: None)
-    monkeypatch.setattr("liftgate_hil.testing.demo_verdict.busy_with", lambda *_: "it was late")
+    monkeypatch.setattr("liftgate_hil.testing.demo.busy_with", lambda *_: "it was late")
     monkeypatch.setattr("liftgate_hil.cli.dashboard.serve_page", served.append)
     given = ["--output", "here", "--dashboard", "--listen", "127.0.0.1:8899", "--read-only"]
     try:

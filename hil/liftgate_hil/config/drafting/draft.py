@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from liftgate_compiler.files import write_whole
 from liftgate_hil.codec.messages import Messages
 from liftgate_hil.config.database import database_file, load_messages
 from liftgate_hil.config.drafting.candidates import SignalCandidate, find_candidates
@@ -21,9 +22,10 @@ from liftgate_hil.config.drafting.lines import (
     quoted,
 )
 from liftgate_hil.config.drafting.words import named_values
+from liftgate_hil.config.files import is_there
 from liftgate_hil.config.rig import rig_of_content
 from liftgate_hil.config.signal_name import notes_on_j1939
-from liftgate_hil.errors import ConfigIssues, printable
+from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.signals import PANEL
 
 if TYPE_CHECKING:
@@ -46,6 +48,33 @@ class Draft:
     mapped: list[str] = field(default_factory=list)
     open: list[tuple[str, str]] = field(default_factory=list)
     notes: tuple[str, ...] = ()
+    file: Path | None = None  # that was written; None: none
+
+    def lines(self) -> list[str]:
+        """Return what was mapped, where a file was written, and what remains to be done, as lines of text."""
+        mapped = [] if self.file is None else [f"{self.file}: mapped: {', '.join(self.mapped) or 'nothing'}"]
+        to_do = [f"to be filled in: {key}: {reason}" for key, reason in self.open]
+        return [*mapped, *(f"note: {note}" for note in self.notes), *to_do]
+
+
+def drafted(database: str, output: str | None) -> Draft:
+    """Draft a rig for a database, FILE or FILE#BUS; write it to the new file `output`; None: to none.
+
+    Raises ConfigError.
+    """
+    path = database_file(database).path
+    beside = path.with_suffix(".toml") if path.name else path / "rig.toml"
+    target = beside if output is None else Path(output)
+    if output is not None and is_there(target):
+        raise ConfigError(f"`output` {target}: already exists; allowed: a new file")
+    draft = draft_rig(database, target)
+    if output is None:
+        return draft
+    try:
+        write_whole(target, draft.text.encode(), is_new=True)
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
+    return replace(draft, file=target)
 
 
 def draft_rig(database: str | Path, target: Path) -> Draft:
