@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from liftgate_hil.plan.setup import vehicle_from as load_vehicle
     from liftgate_hil.playback.replay import replay
     from liftgate_hil.simulation.simulate import simulate
-    from liftgate_hil.testing.rejudge import judge
-    from liftgate_hil.testing.tested import test
+    from liftgate_hil.testing.tested import judge, test
     from liftgate_plant.vehicle import Vehicle
 
     __version__: str
@@ -48,7 +47,7 @@ _HOMES = {
     "compare": ("liftgate_hil.conversion.compare", "compare"),
     "convert": ("liftgate_hil.conversion.convert", "convert"),
     "identify": ("liftgate_hil.identification.commands", "identify"),
-    "judge": ("liftgate_hil.testing.rejudge", "judge"),
+    "judge": ("liftgate_hil.testing.tested", "judge"),
     "load_rig": ("liftgate_hil.plan.setup", "rig_from"),
     "load_scenario": ("liftgate_hil.plan.setup", "scenario_from"),
     "load_vehicle": ("liftgate_hil.plan.setup", "vehicle_from"),

@@ -1,4 +1,4 @@
-"""Description of a result's fields, once, from which its JSON and the reference page are made.
+"""Description of a result's fields, once, from which its JSON, the reference page and its tables are made.
 
     @dataclass(frozen=True)
     class Fit(DescribedResult):
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType, UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints, is_typeddict
 
@@ -34,6 +34,18 @@ class Shown(NamedTuple):
     is_flat: bool = False  # the keys of an object stand beside the others
     prefix: str = ""  # the same, and what they begin with
     parts: Mapping[str, str] = MappingProxyType({})  # meanings of what is in a value whose type states none itself
+
+
+class Column(NamedTuple):
+    """Annotation of a result's field or property that is a column of tables, on the terminal and in HTML.
+
+    `cell` makes the text for a result. `look` is the column's CSS class; "r": numbers, at the right.
+    """
+
+    head: str
+    cell: Callable[[Any], str]
+    look: str = "r"
+    longest: int = 1000  # characters on the terminal
 
 
 class DescribedResult:
@@ -59,6 +71,7 @@ class DescribedResult:
 
 
 _SHOWN: dict[type, dict[str, tuple[Any, Shown]]] = {}  # of classes that have been asked for
+_COLUMNS: dict[type, dict[str, Column]] = {}  # of the same
 
 
 def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
@@ -69,12 +82,24 @@ def shown_in(record: type) -> dict[str, tuple[Any, Shown]]:
             for name, member in vars(base).items():
                 if isinstance(member, property) and member.fget is not None:
                     hints[name] = get_type_hints(member.fget, include_extras=True)["return"]
+        described = {name: hint for name, hint in hints.items() if get_origin(hint) is Annotated}
         _SHOWN[record] = {
             name: (hint.__origin__, found)
-            for name, hint in hints.items()
-            if get_origin(hint) is Annotated and isinstance(found := hint.__metadata__[0], Shown)
+            for name, hint in described.items()
+            if isinstance(found := hint.__metadata__[0], Shown)
+        }
+        _COLUMNS[record] = {
+            name: hint.__metadata__[-1]
+            for name, hint in described.items()
+            if isinstance(hint.__metadata__[-1], Column)
         }
     return _SHOWN[record]
+
+
+def columns_in(record: type, *names: str) -> list[Column]:
+    """Return the columns of a class's fields and properties with these names, in this order."""
+    shown_in(record)
+    return [_COLUMNS[record][name] for name in names]
 
 
 def _object_of(record: Any) -> dict[str, Any]:

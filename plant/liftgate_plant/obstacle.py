@@ -11,6 +11,8 @@ from typing import NamedTuple
 from liftgate_compiler import compilable
 from liftgate_plant import contact
 
+ROD_STIFFNESS = 10_000.0  # N/m, of the softest test rod: 10 N/mm (49 CFR 571.118 S5)
+
 
 class Obstacle(NamedTuple):
     """Parameters of an obstacle in SI units; stiffness 0: there is no obstacle.

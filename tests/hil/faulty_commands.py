@@ -108,7 +108,7 @@ def _load(folder: Path) -> None:
     from liftgate_hil.campaigns import campaign
     from liftgate_hil.campaigns.request import CampaignRequest
     from liftgate_hil.campaigns.run import CampaignPlaces, run_campaign
-    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.plan.provenance import provenance_of
 
     campaign.PASSING_S = 0.0  # a batch for each variant, however long they take
     path = folder / "loaded.toml"

@@ -85,7 +85,7 @@ def test_shipped_trouble_code_scenarios_pass_free_lockstep_and_from_recordings(t
     assert all(each.margin is None for each in free.expectations.values())
     lockstep = lh.run(name, clock="lockstep")
     assert lockstep.expectations == free.expectations
-    assert lh.judge(files, name) == free.expectations
+    assert lh.judge(files, name).verdicts == free.expectations
 
 
 def test_a_trouble_code_is_judged_by_the_responses_in_its_window(short: Callable[..., Path]) -> None:

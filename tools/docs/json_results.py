@@ -23,10 +23,10 @@ from liftgate_hil.doctor.examination import DoctorReport
 from liftgate_hil.identification.design import ExperimentPlan
 from liftgate_hil.identification.result import Experiment, Identification, Validation
 from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.plan.rig_check import RigReport
 from liftgate_hil.playback.player import Played
-from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.report.run_report import DemoReport
+from liftgate_hil.testing.demo import DemoReport
 from liftgate_hil.testing.tested import SuiteResult
 from liftgate_hil.transport.base import LinkCounts
 from tools.docs.markdown import code, page, table

@@ -27,7 +27,7 @@ from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.campaigns.results import table_of
 from liftgate_hil.campaigns.space import Design
 from liftgate_hil.campaigns.store import SUFFIX, Store
-from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.plan.provenance import provenance_of
 from liftgate_hil.version import versions
 
 ROOT = Path(__file__).parents[2]

@@ -25,7 +25,7 @@ from liftgate_hil.campaigns.run import (
 from liftgate_hil.config.described import command
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.report.provenance import Provenance, provenance_of
+from liftgate_hil.plan.provenance import Provenance, provenance_of
 
 
 def run_parts(

@@ -15,7 +15,7 @@ from liftgate_hil.campaigns.results import check_columns
 from liftgate_hil.campaigns.space import DRAW, Design, Space, space_of
 from liftgate_hil.config.parameter_units import parameter_units
 from liftgate_hil.config.scenario import ScenarioFile, read_scenario
-from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.shipped import DEFAULT_VEHICLE, find_config
 from liftgate_hil.config.vehicle import VehicleFile, read_vehicle
 from liftgate_hil.described_result import Shown
 from liftgate_hil.ecu.find import check_ecu
@@ -104,7 +104,7 @@ def _job_of(request: CampaignRequest) -> Job:
     file = read_scenario(path)
     scenario = scenario_of(file, request.parameters)
     called = f"{scenario.source}: vehicle" if scenario.vehicle and request.vehicle is None else ""
-    name = str(request.vehicle or scenario.vehicle or "suv")
+    name = str(request.vehicle or scenario.vehicle or DEFAULT_VEHICLE)
     run = RunRequest(
         scenario=file,
         ecu=ecu,

@@ -10,7 +10,7 @@ from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Raw, Text, Texts
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.plan.request import Duration, Rate
+from liftgate_hil.plan.request import DEFAULT_RATE, Duration, Rate
 
 DESIGN, WORST, PROBABILITY = "design", "worst", "probability"  # kinds of campaigns
 METHODS = ("sobol", "lhs", "random")  # of sampling
@@ -52,7 +52,7 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
     rig: Annotated[str | Path | None, Field(Text("a shipped name, or a file"), "the rig", "the scenario's, else "
         "liftgate", "NAME|FILE")] = None
     seed: OwnSeed = None
-    rate: Rate = 1000.0
+    rate: Rate = DEFAULT_RATE
     duration: Duration = None
     jobs: Annotated[int | None, Field(Whole(1, 1024), "processes on this machine", "one per CPU", "N")] = None
     scheduler: Annotated[str | None, Field(Text(), "a Dask scheduler whose workers evaluate",

@@ -25,7 +25,7 @@ from liftgate_hil.campaigns.store import Store
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.plan.force_limits import force_limits_of
-from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.plan.provenance import Provenance
 
 if TYPE_CHECKING:
     import pyarrow as pa

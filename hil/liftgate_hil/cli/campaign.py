@@ -40,7 +40,7 @@ def run(call: Call) -> int:
     from liftgate_hil.campaigns.results import arrow
     from liftgate_hil.campaigns.run import CampaignWatcher
     from liftgate_hil.cli.terminal.teller import Teller
-    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.plan.provenance import provenance_of
 
     if call.values["replay"] is not None:
         arrow()

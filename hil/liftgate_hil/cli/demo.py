@@ -135,16 +135,14 @@ class _Demo:
 
     def _present(self, shown: "Result", event: "PinchEvent | None", mark: str) -> None:
         """Write the picture of a result, with `mark` in its title, and print the result, as the flags ask."""
-        from liftgate_hil.testing.demo import demo_lines, draw_demo
+        from liftgate_hil.testing.demo import DemoReport, demo_lines, draw_demo
 
         if not self._files.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
             teller = Teller(self._call.is_quiet, self._call.is_json)
             with teller.progress("picture"):
                 draw_demo(shown, self._setup, event, mark, Path(self._files.output), teller.say)
         if self._call.is_json:
-            from liftgate_hil.report.run_report import DemoReport
-
-            print(DemoReport(shown, *self._run.ending(shown), event).to_json())
+            print(DemoReport(self._run.ended(shown), event).to_json())
         elif not self._call.is_quiet:
             for line in demo_lines(shown, event, self._files):
                 print(line)

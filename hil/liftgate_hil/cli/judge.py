@@ -13,14 +13,12 @@ import argparse
 
 from liftgate_hil.cli.command import EXIT_CODES, Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.testing.request import JudgeRequest, ReportsChoice
+from liftgate_hil.testing.request import JudgeRequest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags of `judge` to its parser."""
     add_flags(parser, JudgeRequest)
-    parser.add_argument("--one-run", action="store_true", help="all files belong to one run, whatever their names")
-    add_flags(parser, ReportsChoice)
     add_printed(parser, "print only what does not pass")
 
 
@@ -33,8 +31,7 @@ def run(call: Call) -> int:
 
     is_silent = str(call.values["json"]) == "-"
     heard = JudgeTeller(Teller(call.is_quiet, is_silent), stop, call.is_quiet, is_silent)
-    request, reports = call.unchecked(JudgeRequest), call.unchecked(ReportsChoice)
-    found = judge_on(request, reports, call.values["one_run"], heard, call.command_line)
+    found = judge_on(call.unchecked(JudgeRequest), heard, call.command_line)
     runs = found.scenarios
     heard.out.put([] if is_silent else summary_of(runs, "recording" if len(runs) == 1 else "recordings"))
     heard.out.raise_if_lost()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from liftgate_compiler import compilable
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+CLASSIC_BYTES = 8  # of data, in a frame that is not CAN FD
 FD, BRS, ESI = 0x100000000, 0x200000000, 0x400000000
 FD_FLAGS = FD | BRS | ESI  # a frame is of its message whatever these say
 MAX_BYTES = 64  # CAN FD

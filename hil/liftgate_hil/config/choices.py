@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from liftgate_hil.config.described import Field, Record, value_of
 from liftgate_hil.config.kinds import SEED, File, Flag, Loaded, NumberOr, NumbersByName, Text, Texts, Whole
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -41,13 +42,13 @@ class VehicleChoice(VehicleSettings):
     """Base class of the requests (arguments of a command) that select a vehicle."""
 
     vehicle: Annotated[str | Path, Field(File(), "the vehicle: a shipped name, or a "
-        "file", metavar="NAME|FILE")] = "suv"
+        "file", metavar="NAME|FILE")] = DEFAULT_VEHICLE
 
 
 OwnVehicle = Annotated[AnyVehicle | None, Field(VEHICLE, "the vehicle: a shipped name, or "
-    "a file", "the scenario's, else suv", "NAME|FILE")]
+    "a file", f"the scenario's, else {DEFAULT_VEHICLE}", "NAME|FILE")]
 OwnRig = Annotated[AnyRig | None, Field(RIG, "the rig: mapping of bus signals",
-    "the scenario's, else liftgate", "NAME|FILE")]
+    f"the scenario's, else {DEFAULT_RIG}", "NAME|FILE")]
 OwnSeed = Annotated[int | None, Field(SEED, "seed of noise and other random values", "the scenario's, else "
     "0", "SEED")]
 # Of recordings that are read.

@@ -30,6 +30,8 @@ _COMMAND_MS = 10.0  # cycle of the command on the shipped bus
 
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
+DEFAULT_BITRATE = 500_000.0  # bit/s
+
 
 # fmt: off
 # A field with its key is a row of a table.
@@ -41,7 +43,7 @@ class RigTable(Record):
     dbc: Annotated[str, Field(Text("a DBC, ARXML, KCD or SYM file"), "CAN database: a file beside the rig file, "
         "or a shipped one (`liftgate.dbc`); `their.kcd#Body`: the bus `Body` of a file with several")]
     bitrate: Annotated[float, Field(Number(1.0, 1e8, "bit/s"), "bit rate with which the bus is opened, and to "
-        "which the bus load is related")] = 500_000.0
+        "which the bus load is related")] = DEFAULT_BITRATE
     inputs: Annotated[Table | None, Field(Subtable(), "quantities that the gate receives, see below")] = None
     outputs: Annotated[Table | None, Field(Subtable(), "quantities that the gate sends, see below")] = None
     messages: Annotated[Table | None, Field(Subtable(), "a table for each message: cycle, time-out and "

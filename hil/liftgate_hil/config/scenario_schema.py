@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.kinds import SEED, Choice, Choices, Label, Number, OfKind, Raw, Subtable, Text, Texts
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE
 from liftgate_hil.config.toml import Table, is_number, number, show
 from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
 from liftgate_hil.errors import ConfigIssues
@@ -14,6 +15,7 @@ from liftgate_hil.judging.expectation import STATES
 from liftgate_hil.signals import OBSTACLE, PROFILES
 from liftgate_hil.stimuli.moments import NEVER, START, Instant
 from liftgate_hil.stimuli.requests import BUTTONS, REQUESTS
+from liftgate_plant.obstacle import ROD_STIFFNESS
 from liftgate_plant.signals import Signal
 
 LATEST = 1e6  # s
@@ -92,9 +94,9 @@ class ScenarioTable(Record):
     duration: Annotated[float | None, Field(_SECONDS, "end of the run and of every window",
         "until stopped")] = None
     vehicle: Annotated[str | None, Field(Text(_FILE), "vehicle file; a file beside the scenario has priority",
-        "suv")] = None
+        DEFAULT_VEHICLE)] = None
     rig: Annotated[str | None, Field(Text(_FILE), "rig file; a file beside the scenario has priority",
-        "liftgate")] = None
+        DEFAULT_RIG)] = None
     seed: Annotated[int, Field(SEED, "seed of the noise and of everything else that varies from run to run")] = 0
     initial: Annotated[float | str, Field(_Initial(), "initial position of the gate, at rest; a closed gate is "
         "latched")] = "closed"
@@ -140,7 +142,7 @@ class ObstacleTable(Record):
     delay_s: Annotated[float, _DELAY] = 0.0
     angle_deg: Annotated[float, _field_of(OBSTACLE["angle_deg"])]
     distance: Annotated[float, _field_of(OBSTACLE["distance"])] = 1.0
-    stiffness: Annotated[float, _field_of(OBSTACLE["stiffness"])] = 10_000.0
+    stiffness: Annotated[float, _field_of(OBSTACLE["stiffness"])] = ROD_STIFFNESS
     damping: Annotated[float, _field_of(OBSTACLE["damping"])] = 0.0
     gap: Annotated[float, _field_of(OBSTACLE["gap"])] = 0.0
     lateral: Annotated[float, _field_of(OBSTACLE["lateral"])] = 0.0

@@ -19,6 +19,9 @@ _PARTS = "parts"  # folder of scenarios that others include
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
+# Where nothing else is named.
+DEFAULT_VEHICLE, DEFAULT_RIG = "suv", "liftgate"
+
 
 def data_root() -> Path:
     """Return the folder that contains the shipped folders `dbc` and `configs`.

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from liftgate_hil.config.described import command
 from liftgate_hil.config.units import headed_unit
 from liftgate_hil.conversion.request import ConvertRequest
 from liftgate_hil.conversion.table import decoded, files_of
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError, RecordingError, number_of, printable
 from liftgate_hil.formats.bus_log import BUS_ERROR
 from liftgate_hil.formats.content import Content, lines_about
@@ -39,16 +40,20 @@ _MOST = 2.0**53  # largest count
 _LONGEST_S = 1e9  # latest time of a mark, and of a row in MCAP
 
 
+# fmt: off
 @dataclass(frozen=True)
-class Converted:
+class Converted(DescribedResult):
     """Result of a conversion."""
 
-    rows: int
-    frames: int
-    marks: int
-    notes: tuple[str, ...]  # remarks on what was left out or noticed
-    is_complete: bool = True  # false: it was stopped, and nothing was written
-    aside: Path | None = None  # new name of the file that was there before; None: there was none
+    rows: Annotated[int, Shown("rows that were written")]
+    frames: Annotated[int, Shown("frames that were written")]
+    marks: Annotated[int, Shown("marks that were written")]
+    notes: Annotated[tuple[str, ...], Shown("what was left out or noticed, as texts")]
+    is_complete: Annotated[bool, Shown("false: it was stopped, and nothing was written")] = True
+    aside: Annotated[Path | None, Shown("new name of the file that was there before; null: none was")] = None
+
+
+# fmt: on
 
 
 @dataclass(frozen=True)

@@ -4,29 +4,31 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Annotated, cast
 
 from liftgate_hil.config.described import command, fields_of
+from liftgate_hil.config.shipped import DEFAULT_VEHICLE
 from liftgate_hil.conversion.figures.subject import Drawn, FigureSubject
 from liftgate_hil.conversion.request import COLUMNS, FIGURES, OF_RECORDING, OF_VEHICLE, PlotRequest
 from liftgate_hil.conversion.sheet import check_picture, write_picture
 from liftgate_hil.conversion.table import files_of, open_whole, window_of
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.guarded import Say, silent
 from liftgate_hil.formats.recording import read_options
 from liftgate_hil.plan.recorded_setup import RecordedSetup, recorded_setup
 from liftgate_hil.plan.setup import vehicle_from
 
-_VEHICLE = "suv"  # where neither the request nor the recording names one
 
-
-class Plotted(NamedTuple):
+@dataclass(frozen=True)
+class Plotted(DescribedResult):
     """A written plot: its file, what it does not show, and the notes of the recording's reader."""
 
-    path: Path
-    note: str
-    notes: tuple[str, ...]
+    path: Annotated[Path, Shown("file of the picture")]
+    note: Annotated[str, Shown("what it does not show; empty: it shows all")]
+    notes: Annotated[tuple[str, ...], Shown("what was noticed while reading, as texts")]
 
 
 def plotted(request: PlotRequest, say: Say = silent) -> Plotted:
@@ -85,12 +87,12 @@ def _target(request: PlotRequest) -> str:
     """Return the default file of the plot, where none is named."""
     if request.figure == COLUMNS:
         return f"{request.recording}.png"
-    return f"{request.recording or Path(request.vehicle or _VEHICLE).stem}.{request.figure}.png"
+    return f"{request.recording or Path(request.vehicle or DEFAULT_VEHICLE).stem}.{request.figure}.png"
 
 
 def _subject(request: PlotRequest) -> FigureSubject:
     """Return the subject of the requested figure. Raises ConfigError."""
-    kind, name = FIGURES[request.figure], str(request.vehicle or _VEHICLE)
+    kind, name = FIGURES[request.figure], str(request.vehicle or DEFAULT_VEHICLE)
     recorded = RecordedSetup()
     if kind.of_vehicle and request.recording is not None and request.vehicle is None:
         recorded = recorded_setup([Path(request.recording)])

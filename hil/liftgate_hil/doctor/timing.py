@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE
 from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.doctor.check import Check, Level, judged, number, read
 from liftgate_hil.loop.histogram import Quantiles
@@ -75,7 +76,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Quantiles:
     from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
     from liftgate_plant.initial import initial_state
 
-    config = loop_config_of(vehicle_from("suv"), rig_from("liftgate"), rate, 0)
+    config = loop_config_of(vehicle_from(DEFAULT_VEHICLE), rig_from(DEFAULT_RIG), rate, 0)
     memory = memory_for(rate)
     shared, room = memory.shared, realtime_loop.make_room()
     state = initial_loop(config, initial_state(config.plant, 0.0, latched=True))

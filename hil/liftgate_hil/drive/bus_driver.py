@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from liftgate_hil.config.choices import WireChoice
+from liftgate_hil.config.rig_fit import NS
 from liftgate_hil.drive.driver import Driver
 from liftgate_hil.drive.precondition import phases_of
 from liftgate_hil.drive.stepping import CommandLog, StepsAgain, relevant_frames
@@ -23,7 +24,7 @@ from liftgate_hil.operate.attachment.server import RunEnd, Server
 from liftgate_hil.operate.ecu_reset import restarts_of
 from liftgate_hil.operate.further_recording import FurtherRecording
 from liftgate_hil.operate.observers import Observers, observers_of
-from liftgate_hil.plan.request import NS, PRIVATE_BUS
+from liftgate_hil.plan.request import PRIVATE_BUS
 from liftgate_hil.plan.stimulation import off_not_made, reset_not_made
 from liftgate_hil.stimuli.restbus import hand_over
 from liftgate_hil.stimuli.stimulus_plan import OFF_A_REAL_BUS

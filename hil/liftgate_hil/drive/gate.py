@@ -23,6 +23,7 @@ from liftgate_hil.config.described import value_of
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario_tables import Fault, fault_of
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE
 from liftgate_hil.config.toml import show
 from liftgate_hil.diagnostics import services
 from liftgate_hil.diagnostics.tester import (
@@ -40,12 +41,12 @@ from liftgate_hil.formats.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import Episode
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.operate.by_hand import STIFFNESS, held_obstacle, obstacle_in, surroundings_in
+from liftgate_hil.operate.by_hand import held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.operate.cyclic_command import CyclicCommand
 from liftgate_hil.operate.loop_target import LoopTarget
 from liftgate_hil.operate.orders import Orders
 from liftgate_hil.plan.plan import loop_start_of
-from liftgate_hil.plan.request import RATE
+from liftgate_hil.plan.request import DEFAULT_RATE, RATE
 from liftgate_hil.plan.setup import rig_of, setup_of, variant_of
 from liftgate_hil.plan.stimulation import opening_of
 from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, ColumnValues, columns_of
@@ -53,6 +54,7 @@ from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.restbus import BENCH, OPERATOR, start_value_of
 from liftgate_hil.stimuli.stimulus_plan import take_posted
 from liftgate_plant.edge_ring import RING_SIZE
+from liftgate_plant.obstacle import ROD_STIFFNESS
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -71,11 +73,11 @@ class Gate:
 
     def __init__(
         self,
-        vehicle: str | Path | Vehicle = "suv",
-        rig: str | Path | Rig = "liftgate",
+        vehicle: str | Path | Vehicle = DEFAULT_VEHICLE,
+        rig: str | Path | Rig = DEFAULT_RIG,
         initial: str | float = "closed",
         seed: int = 0,
-        rate: float = 1000.0,
+        rate: float = DEFAULT_RATE,
         settings: Sequence[str] = (),
         draw: int | None = None,
         ideal: bool = False,
@@ -203,7 +205,7 @@ class Gate:
     def obstacle(
         self,
         angle_deg: float,
-        stiffness: float = STIFFNESS,
+        stiffness: float = ROD_STIFFNESS,
         distance: float | None = None,
         damping: float = 0.0,
         gap: float = 0.0,

@@ -7,13 +7,13 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from liftgate_hil.config.rig_fit import NS
 from liftgate_hil.drive.bus_driver import BusDriver
 from liftgate_hil.isolate.recorder_process import RecorderProcess
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.plan.provenance import content_of
-from liftgate_hil.plan.request import NS
 from liftgate_hil.transport.find import open_line
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import ERROR, FAIL, GIVEN_UP, INCONCLUSIVE, Verdict, Verdicts, worst
 from liftgate_hil.loop.observers import Extremes, Sink, Trace
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.plan.request import Job
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ColumnValues
 
@@ -56,6 +57,8 @@ class Result(described_result.DescribedResult):
     command_digest: str = ""  # of the ECU's commands in all control cycles; "": unknown
     is_given_up: bool = False  # the bench has ended the run early
     late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
+    stopped_by: str = ""  # name of the signal that ended the run early; "": none did
+    provenance: Annotated[Provenance | None, Shown("see Provenance")] = None
 
     @property
     def judged(self) -> Annotated[str | None, Shown("`pass`, `fail`, `error` or `inconclusive`: the worst of the "
@@ -68,6 +71,12 @@ class Result(described_result.DescribedResult):
         "Expectation", key="expectations")]:
         """Verdicts on the scenario's expectations."""
         return tuple(self.expectations.values())
+
+    @property
+    def stop_reason(self) -> Annotated[str, Shown("signal that stopped the run: `SIGINT`, `SIGTERM`; else `given "
+        "up`, if the bench ended it early (exit code 3), or `duration`")]:
+        """Name of the signal that stopped the run, "given up", or "duration"."""
+        return self.stopped_by or (GIVEN_UP if self.is_given_up else "duration")
 
     # fmt: on
     @property

@@ -45,6 +45,7 @@ from liftgate_hil.judging.verdict import ERROR, PASS
 from liftgate_hil.loop.observers import Extremes, Trace
 from liftgate_hil.operate.attachment.server import RunEnd
 from liftgate_hil.plan.plan import Plan, plan_of
+from liftgate_hil.plan.provenance import provenance_of
 from liftgate_hil.plan.request import Job, RunRequest
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ def run(request: RunRequest) -> Result:
 
     Raises ConfigError for invalid arguments. What goes wrong in the run itself is the result's verdict.
     """
-    return execute(plan_of(Job(request, request if request.is_given else None, trace=int(request.trace))))
+    result = execute(plan_of(Job(request, request if request.is_given else None, trace=int(request.trace))))
+    return replace(result, provenance=provenance_of(repr(request), result.sources))
 
 
 def execute(plan: Plan, stopped: Callable[[], bool] = lambda: False) -> Result:

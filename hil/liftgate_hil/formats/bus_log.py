@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.codec.frames import CLASSIC_BYTES, ERROR, EXTENDED, FD, LENGTHS, LOGGED, MAX_BYTES, REMOTE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.account import Account
 from liftgate_hil.formats.local_time import epoch_us
@@ -21,7 +21,6 @@ BUS_ERROR = 0x80  # class "bus error" of linux/can/error.h: that of an error fra
 NO_TIME_NS = 1 << 63  # the field of a frame's time cannot hold as much
 LONGEST_NS = 10**18  # latest time in a log: 32 years
 REQUEST = "a request to send, which is no frame on the bus"  # why a TxRq entry is left out
-_CLASSIC_BYTES = 8
 _BLOCK = 20_000  # frames in a part
 
 Part = tuple[str, NDArray[np.void]]  # name of a bus, and frames (n,) LOGGED of it
@@ -142,12 +141,12 @@ def is_length(length: int, identifier: int) -> bool:
     """Whether a frame with this identifier can have a payload, or request one, of this length [bytes]."""
     if identifier & FD and not identifier & (REMOTE | ERROR):
         return length in LENGTHS
-    return 0 <= length <= _CLASSIC_BYTES
+    return 0 <= length <= CLASSIC_BYTES
 
 
 def length_of_code(code: int, is_fd: bool) -> int:
     """Return the payload length [bytes] of a data length code; above 8, classic frames have 8 bytes."""
-    return LENGTHS[code] if is_fd else min(code, _CLASSIC_BYTES)
+    return LENGTHS[code] if is_fd else min(code, CLASSIC_BYTES)
 
 
 _FIRST_BYTES, _BLOCK_BYTES = (

@@ -14,6 +14,7 @@ import numpy as np
 
 from liftgate_hil.codec.frames import (
     CANFD_FDF,
+    CLASSIC_BYTES,
     ERROR,
     EXTENDED,
     FD,
@@ -115,7 +116,7 @@ _TERMINAL = re.compile(r"\s*(?:\([-\d .:]+\)\s+)?\S+\s+[0-9A-F]{3,8}\s+\[\d+\]",
 _SHORT_STAMP = re.compile(rb"^\((\d{3}\.\d{6})\)", re.MULTILINE)  # as `-td` and `-tz` write it
 _WALL_US = 10**15  # µs: a later timestamp is a wall clock's, of 2001 or later; no run takes as long
 _NOT_RISING = 0.25  # share of timestamps from which on they are distances
-_BASE_DIGITS, _CLASSIC_BYTES = 3, 8
+_BASE_DIGITS = 3
 _REMEMBERED = 1000  # frames at the end of a block whose lengths are usual ones
 
 _DIGITS = np.zeros(256, dtype=np.uint8)
@@ -243,7 +244,7 @@ class _Lines:
         else:
             payload = bytes.fromhex(text.replace(".", " "))
             length = len(payload)
-        if not is_length(length, identifier) or (frame["code"] and length != _CLASSIC_BYTES):
+        if not is_length(length, identifier) or (frame["code"] and length != CLASSIC_BYTES):
             return None
         return frame["bus"], (time_ns, identifier, length, is_sent, payload)
 

@@ -45,12 +45,11 @@ from liftgate_hil.identification.request import (
     ValidateRequest,
 )
 from liftgate_hil.identification.result import Identification, Validation
+from liftgate_hil.plan.provenance import Provenance, provenance_of
+from liftgate_hil.plan.request import DEFAULT_RATE
 from liftgate_hil.plan.setup import variant_of, vehicle_from
 from liftgate_hil.report.files import check_targets, put_report, write_report
-from liftgate_hil.report.provenance import Provenance, provenance_of
 from liftgate_plant.vehicle import Vehicle
-
-_RATE = 1000.0  # Hz of a planned experiment
 
 
 @command(IdentifyRequest)
@@ -155,7 +154,7 @@ def experiments_for(request: PlanRequest, command_line: str = "") -> ExperimentP
     if unknown:
         raise ConfigError([f"`outputs` {each}: allowed: {', '.join(OUTPUT_KINDS)}" for each in unknown])
     columns = [OUTPUT_KINDS[kind][0] for kind in kinds]
-    found = plan(vehicle, model, sought, columns, candidates(vehicle, request.duration, _RATE))
+    found = plan(vehicle, model, sought, columns, candidates(vehicle, request.duration, DEFAULT_RATE))
     return dataclasses.replace(found, provenance=origin)
 
 

@@ -19,7 +19,7 @@ from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.identification import statistics
 from liftgate_hil.identification.data import Data, Floats, rows_of
 from liftgate_hil.identification.problem import Problem, Sought
-from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_plant.vehicle import Vehicle
 
 _BIT = 0.05  # s, duration of one bit of the PRBS

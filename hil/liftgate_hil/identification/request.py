@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple
 from liftgate_hil.config.choices import RecordingChannel, TimeZone, VehicleChoice
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Paths, Texts, Whole
+from liftgate_hil.config.shipped import DEFAULT_RIG
 from liftgate_hil.config.toml import show
 from liftgate_hil.described_result import DescribedResult
 from liftgate_hil.errors import ConfigError, ConfigIssues
@@ -146,7 +147,7 @@ class MeasuredFiles(Record, kw_only=False):
 class MeasuredRequest(MeasuredFiles, MapRequest, ModelChoice):
     """Base class of the requests that compare a model with measurements."""
 
-    rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = "liftgate"
+    rig: Annotated[str | Path, Field(File(), "the rig that decodes bus logs", metavar="NAME|FILE")] = DEFAULT_RIG
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
     from_s: Annotated[float | None, Field(_TIME, "omit samples before this time", metavar="S", flag="from")] = None

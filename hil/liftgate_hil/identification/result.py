@@ -3,8 +3,6 @@
 Parameters are in the units of the vehicle file, initial states in rad, rad/s, rev, rev/s, K and s.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +10,24 @@ from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 
-from liftgate_hil.described_result import DescribedResult, Shown
+from liftgate_hil.described_result import Column, DescribedResult, Shown
 from liftgate_hil.identification.data import Floats
-from liftgate_hil.report.numbers import relative_error
-from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.plan.provenance import Provenance
+from liftgate_hil.report.numbers import (
+    deviation,
+    fit,
+    known_digits,
+    percent,
+    plain,
+    relative_change,
+    relative_error,
+    significant,
+)
 
 Figure = TypeVar("Figure")
+
+RMS = Column("rms", lambda own: significant(own.rms, 3))
+LARGEST = Column("largest", lambda own: significant(own.maximum, 3))
 
 # fmt: off
 # A field with its description is a row of a table.
@@ -27,16 +37,21 @@ Figure = TypeVar("Figure")
 class Estimate(DescribedResult):
     """Estimate of one parameter or initial state."""
 
-    name: str  # as in the vehicle file: "motor.resistance"
-    symbol: Annotated[str, Shown("symbol in the equations")]
-    unit: Annotated[str, Shown("unit of these values; empty: none")]
-    value: Annotated[float, Shown("the estimate, in `unit`; null: not a finite number")]
-    std: Annotated[float, Shown("standard deviation, in `unit`; null: not identifiable")]  # inf
-    initial: Annotated[float, Shown("value at the start of the search, in `unit`")]
+    name: Annotated[str, Column("parameter", lambda own: own.name, "name", 30)]  # as in the vehicle file
+    symbol: Annotated[str, Shown("symbol in the equations"), Column("", lambda own: own.symbol, "soft")]
+    unit: Annotated[str, Shown("unit of these values; empty: none"), Column("unit", lambda own: own.unit, "n", 12)]
+    value: Annotated[float, Shown("the estimate, in `unit`; null: not a finite number"),
+        Column("value", lambda own: known_digits(own.value, own.shown_std))]
+    std: Annotated[float, Shown("standard deviation, in `unit`; null: not identifiable"),  # inf
+        Column("std", lambda own: deviation(own.shown_std))]
+    initial: Annotated[float, Shown("value at the start of the search, in `unit`"),
+        Column("initial", lambda own: plain(own.initial))]
     low: Annotated[float, Shown("lower bound of the search, in `unit`; null: none")]
     high: Annotated[float, Shown("upper bound of the search, in `unit`; null: none")]
-    identifiable: Annotated[bool, Shown("whether it is identifiable")]
-    remark: Annotated[str, Shown("why it is not identifiable, or at a bound; else empty")] = ""
+    identifiable: Annotated[bool, Shown("whether it is identifiable"),
+        Column("identifiable", lambda own: "yes" if own.identifiable else "NO", "")]
+    remark: Annotated[str, Shown("why it is not identifiable, or at a bound; else empty"),
+        Column("", lambda own: own.remark, "soft")] = ""
     is_at_bound: Annotated[bool, Shown("whether it is at a bound of the search, where `std` means "
         "nothing")] = False
     is_held: Annotated[bool, Shown("whether that bound was given, e.g. by `--bounds`: the others are estimated "
@@ -49,17 +64,22 @@ class Estimate(DescribedResult):
 
     @property
     def relative_error(self) -> Annotated[float, Shown("`std` divided by the size of `value`: 0.01 is 1 %; null: "
-            "unknown")]:
+            "unknown"), Column("std %", lambda own: percent(relative_error(own.value, own.shown_std)))]:
         """Standard deviation relative to the value; NaN: unknown."""
         return relative_error(self.value, self.std) / 100.0
+
+    @property
+    def change_percent(self) -> Annotated[float, Column("change %", lambda own: percent(own.change_percent, "+"))]:
+        """Change of the value from the start of the search, in per cent of the initial value."""
+        return relative_change(self.value, self.initial)
 
 
 class PhaseErrors(NamedTuple):
     """Errors of an output in one phase of the motion."""
 
-    rms: Annotated[float, Shown("root mean square of the errors, in the column's unit")]
-    maximum: Annotated[float, Shown("largest error, in the column's unit")]
-    samples: Annotated[int, Shown("number of samples")]
+    rms: Annotated[float, Shown("root mean square of the errors, in the column's unit"), RMS]
+    maximum: Annotated[float, Shown("largest error, in the column's unit"), LARGEST]
+    samples: Annotated[int, Shown("number of samples"), Column("samples", lambda own: str(own.samples))]
 
 
 @dataclass(frozen=True)
@@ -71,12 +91,12 @@ class Series(DescribedResult):
     measured: Floats  # (n,)
     simulated: Floats  # (n,), of the final model
     before: Floats  # (n,), of the initial model; empty in a validation
-    fit_percent: float  # NRMSE fit: 100 (1 - |y - ys| / |y - mean y|)
-    fit_before: float  # nan in a validation
-    mean: float  # mean error: measured less simulated
+    fit_percent: Annotated[float, Column("fit %", lambda own: fit(own.fit_percent))]  # NRMSE fit
+    fit_before: Annotated[float, Column("before %", lambda own: fit(own.fit_before))]  # nan in a validation
+    mean: Annotated[float, Column("mean", lambda own: significant(own.mean, 2))]  # error: measured less simulated
     mean_std: float  # its standard deviation, as the errors scatter about it
-    rms: float
-    maximum: float  # largest absolute error
+    rms: Annotated[float, RMS]
+    maximum: Annotated[float, LARGEST]  # absolute error
     phases: Mapping[str, PhaseErrors]
     autocorrelation: Annotated[Floats, Shown("list: autocorrelation of the residual by lag, 1 at lag 0")]
     crosscorrelation: Annotated[Floats, Shown("list: correlation with the input, lags -n to n")]

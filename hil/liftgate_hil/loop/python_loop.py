@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from liftgate_compiler import compilable, compiled
 from liftgate_hil.codec.frames import Frames, empty_frames, logged
+from liftgate_hil.config.rig import DEFAULT_BITRATE
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.advance import advance
 from liftgate_hil.loop.observers import Observer, Sink
@@ -81,7 +82,7 @@ class Loop:
     sinks: Sequence[Sink] = ()
     monitor: ProgressMonitor | None = None
     observers: Sequence[Observer] = ()
-    bitrate: float = 500_000.0
+    bitrate: float = DEFAULT_BITRATE
     load: BusLoad = field(default_factory=BusLoad)
     frames_sent: int = 0
     frames_dropped: int = 0  # frames dropped because too many waited for a tick

@@ -45,7 +45,7 @@ from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, not_made, received,
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
-_MONOTONIC, _REALTIME = 1, 0  # clocks
+MONOTONIC, _REALTIME = 1, 0  # clocks
 _ABSOLUTE = 1  # TIMER_ABSTIME
 _LAST_PATIENCE = 100  # attempts, 1 ms apart, to send the last frames
 _BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
@@ -135,12 +135,12 @@ def clock_ns(clock: int, room: Room) -> int:
 @compilable
 def wait_until(deadline_ns: int, room: Room) -> int:
     """Sleep until a time [ns] on the monotonic clock; return the time [ns] on it after that."""
-    now = clock_ns(_MONOTONIC, room)
+    now = clock_ns(MONOTONIC, room)
     while now < deadline_ns:
         room.clock[0] = deadline_ns // 1_000_000_000
         room.clock[1] = deadline_ns % 1_000_000_000
-        _clock_nanosleep(_MONOTONIC, _ABSOLUTE, room.clock.ctypes.data, 0)
-        now = clock_ns(_MONOTONIC, room)
+        _clock_nanosleep(MONOTONIC, _ABSOLUTE, room.clock.ctypes.data, 0)
+        now = clock_ns(MONOTONIC, room)
     return now
 
 
@@ -179,7 +179,7 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
     """Return the frames received since the last call; their arrivals (monotonic clock) go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(params.descriptor, room.reading, frames, room.stamps)
-    now_ns = clock_ns(_MONOTONIC, room)
+    now_ns = clock_ns(MONOTONIC, room)
     control = shared.control[0]
     if reading.error != 0:
         control.receive_errors += 1
@@ -272,7 +272,7 @@ def frames_for_tick(config: LoopConfig, state: LoopState, params: RunParams, sha
     if len(stimuli.bus_faults.origins) > 0:
         restamp(stimuli.bus_faults, given.count, room.given_stamps, pace.due_ns)
     if pace.left == 0:
-        pace.due_ns = clock_ns(_MONOTONIC, room)
+        pace.due_ns = clock_ns(MONOTONIC, room)
     longest = longest_wait(given, room.given_stamps, pace.due_ns)
     pace.waited_ns = max(longest, control.turn_late_ns, control.line_late_ns)
     control.line_late_ns = 0
@@ -298,7 +298,7 @@ def send_replies(shared: Shared, params: RunParams, room: Room, replies: Frames,
     pace, unsent = room.pace[0], 0
     if replies.count > 0:
         unsent = send(shared, params, room, replies, _LAST_PATIENCE if stopping else 0)
-    sent_ns = clock_ns(_MONOTONIC, room)
+    sent_ns = clock_ns(MONOTONIC, room)
     if pace.command_ns != 0 and unsent == 0 and is_among(replies, params.feedback):
         note(shared.histograms[DELAY], sent_ns - pace.command_ns)
         pace.command_ns = 0
@@ -320,7 +320,7 @@ def run_realtime(
     outcome, stopping, is_over, origin = ENDED, False, False, stimuli.origin[0]
     none = Frames(0, room.identifiers, room.lengths, room.data)
     # The scenario's time 0 is now: taken here, where no interpreter lock can hold up what follows.
-    pace.start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
+    pace.start_ns = clock_ns(MONOTONIC, room) - (state.tick - origin) * config.step_ns
     control.epoch_ns = clock_ns(_REALTIME, room) - (state.tick - origin) * config.step_ns
     room.drained[0] = pace.woken_ns = pace.start_ns
     pace.command_ns, pace.left = 0, -1
@@ -362,5 +362,5 @@ def run_realtime(
             if stopping:
                 is_over = True
                 break
-            note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - pace.woken_ns)
+            note(shared.histograms[EXECUTION], clock_ns(MONOTONIC, room) - pace.woken_ns)
     return state, outcome

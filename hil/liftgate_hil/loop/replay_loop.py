@@ -15,14 +15,13 @@ from liftgate_compiler import compilable
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.loop.datagrams import BATCH
 from liftgate_hil.loop.histogram import note
-from liftgate_hil.loop.realtime_loop import Room, clock_ns, receive, send, wait_until
+from liftgate_hil.loop.realtime_loop import MONOTONIC, Room, clock_ns, receive, send, wait_until
 from liftgate_hil.loop.rings import LATENESS, Shared
 
 PLACES = 1 << 18  # frames that the ring holds: a minute of a full bus at 500 kbit/s
 
 TRIAL_NS = 100_000  # between two attempts to send where the wire's queue is full
 
-_MONOTONIC = 1  # clock
 _HEAD_START = 2_000_000  # ns until the first frame is due, for the thread to settle
 _LOOK = 10_000_000  # ns at most between two checks for the end and for received frames
 _LISTEN = 500_000  # ns that must be left for it to receive frames while it waits
@@ -34,7 +33,7 @@ POSITION = np.dtype(
         ("is_whole", "i8"),  # 1: no more frames will be put in
         ("played", "i8"),  # frames taken out of it
         ("accepted", "i8"),  # of these, frames that the wire accepted
-        ("start_ns", "i8"),  # when the first one is due (CLOCK_MONOTONIC); 0: it has not begun
+        ("start_ns", "i8"),  # when the first one is due (CLOCKMONOTONIC); 0: it has not begun
         ("starved", "i8"),  # times that a frame was late because the ring was empty
     ]
 )
@@ -116,7 +115,7 @@ def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room
         schedule.handed[(position.accepted + place - first) % len(schedule.handed)] = schedule.due[place]
     frames = Frames(count, schedule.identifiers[first:end], schedule.lengths[first:end], schedule.data[first:end])
     missed = send(shared, params, room, frames, params.patience)
-    sent_ns = clock_ns(_MONOTONIC, room)
+    sent_ns = clock_ns(MONOTONIC, room)
     position.accepted += count - missed
     if missed == 0:
         for place in range(first, end):
@@ -128,13 +127,13 @@ def hand_over(schedule: Schedule, params: PlayParams, shared: Shared, room: Room
 def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> None:
     """Replay until all frames are sent, or `control.stop` is set. Frames from the wire are read and ignored."""
     control, position = shared.control[0], schedule.position[0]
-    position.start_ns = clock_ns(_MONOTONIC, room) + _HEAD_START
+    position.start_ns = clock_ns(MONOTONIC, room) + _HEAD_START
     room.drained[0] = position.start_ns
     listened, is_starved = position.start_ns, False
     while control.stop == 0:
         is_whole = position.is_whole != 0  # read first: all frames put in before it was set are in the ring
         left = position.written - position.played
-        now = clock_ns(_MONOTONIC, room)
+        now = clock_ns(MONOTONIC, room)
         if left == 0:
             if is_whole:
                 break
@@ -148,7 +147,7 @@ def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> 
         is_starved = False
         if (now < due and now + _LISTEN < due) or now - listened > _LOOK:
             receive(shared, params, room)
-            listened = clock_ns(_MONOTONIC, room)
+            listened = clock_ns(MONOTONIC, room)
             now = listened
         if now < due:
             now = wait_until(min(due, now + _LOOK), room)

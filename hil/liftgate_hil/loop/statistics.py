@@ -13,6 +13,7 @@ from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.errors import number_of
 from liftgate_hil.loop.histogram import NOTHING, Quantiles
 from liftgate_hil.transport.base import LinkCounts
+from liftgate_plant.obstacle import ROD_STIFFNESS
 
 
 class BusLoad:
@@ -32,12 +33,11 @@ class BusLoad:
 
 
 EDGE_SPEED = 0.20  # m/s, largest one of the edge of `suv` while the reference ECU closes it: 11.7 deg/s at 1 m
-ROD_RATE = 10_000.0  # N/m, stiffness of the rod by which anti-trap functions are judged
 
 
 def force_of(delay_us: float) -> float:
     """Return the pinch force [N] that grows during a delay [µs] on a rod of 10 N/mm, at the speed EDGE_SPEED."""
-    return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
+    return delay_us * 1e-6 * EDGE_SPEED * ROD_STIFFNESS
 
 
 class LoopTiming(NamedTuple):

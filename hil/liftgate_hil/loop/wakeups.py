@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from liftgate_compiler import compilable, compiled
 from liftgate_hil.loop.histogram import BINS, Quantiles, distribution, note
 from liftgate_hil.loop.priority import Realtime, prepare_thread
-from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
+from liftgate_hil.loop.realtime_loop import MONOTONIC, Room, clock_ns, make_room, wait_until
 
-_MONOTONIC = 1  # clock
 # Half the shipped rig's command cycle, the default of a scenario's `timing_tolerance_s`.
 LONG_NS = 5_000_000
 _HEAD_START = 1_000_000  # ns until the first period begins, for the thread to settle
@@ -30,7 +29,7 @@ def note_wakeups(
 
     Returns how many periods were skipped, and how often it was late by more than `long_ns`.
     """
-    start = clock_ns(_MONOTONIC, room) + _HEAD_START
+    start = clock_ns(MONOTONIC, room) + _HEAD_START
     done, missed, long = 0, 0, 0
     while done < count and stop[0] == 0:
         deadline = start + (done + 1) * period_ns

@@ -9,10 +9,9 @@ from liftgate_hil.config.described import number_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import OBSTACLE, PROFILES
-from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.obstacle import ROD_STIFFNESS, Obstacle
 
 MEETS = ("closing", "opening")
-STIFFNESS = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
 
 
 def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
@@ -35,7 +34,7 @@ def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
 
 def usual_obstacle(edge: float) -> dict[str, float]:
     """Return the default values of an obstacle's keys; `edge` [m] as in `obstacle_in`."""
-    return {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
+    return {"stiffness": ROD_STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
 
 
 def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:

@@ -13,7 +13,7 @@ from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.bus_fault import located
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.rig_fit import check_fit
+from liftgate_hil.config.rig_fit import NS, check_fit
 from liftgate_hil.config.scenario import Scenario, begins
 from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.config.sources import Source, sources_of
@@ -27,7 +27,7 @@ from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.episode import LoopStart
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
 from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
-from liftgate_hil.plan.request import NS, Job, RunRequest, ticks_of
+from liftgate_hil.plan.request import Job, RunRequest, ticks_of
 from liftgate_hil.plan.setup import Setup, setup_and_rig
 from liftgate_hil.plan.stimulation import opening_of, planned_stimuli
 from liftgate_hil.signals import OUT

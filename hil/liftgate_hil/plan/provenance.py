@@ -1,6 +1,7 @@
-"""Provenance of a recording: the information that is needed to repeat the recorded run.
+"""Provenance of a result (command line, date, versions, files), and of a recording: what is needed to repeat it.
 
-It is the same for the same run on the same machine, and so is the recording; it holds no wall-clock time.
+That of a recording is the same for the same run on the same machine, and so is the recording; it holds no
+wall-clock time.
 """
 
 from __future__ import annotations
@@ -9,14 +10,17 @@ import contextlib
 import hashlib
 import json
 import math
+import os
 import platform
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import liftgate_compiler as compiler
 from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.formats.content import Content
 from liftgate_hil.plan.fault_columns import fault_columns_of, faults_by_column
 from liftgate_hil.plan.setup import Setup
@@ -26,7 +30,73 @@ from liftgate_hil.version import versions
 if TYPE_CHECKING:
     from liftgate_hil.plan.plan import Plan
 
+# https://reproducible-builds.org/specs/source-date-epoch/: seconds since 1970 that stand for "now".
+_EPOCH = "SOURCE_DATE_EPOCH"
 _MOST_TEXT = 4_000_000  # bytes of a file that is included; of a larger one only its SHA-256 is
+
+
+# fmt: off
+# A field with its description is a row of a table.
+
+
+@dataclass(frozen=True)
+class Provenance(DescribedResult):
+    """Provenance of one result: command line, date, versions, files and computer."""
+
+    command_line: Annotated[str, Shown("the command with its arguments, or the request of a program")]
+    date: Annotated[str, Shown("when the result was made: ISO 8601, UTC")]
+    sources: Annotated[Mapping[str, Source], Shown("files that were read, by purpose: `scenario`, `vehicle`, "
+        "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", keys={"PURPOSE": "a "
+        "file"})] = field(default_factory=dict)
+
+    # What is costly to find is found when it is asked for.
+    @property
+    def versions(self) -> Annotated[Mapping[str, str], Shown("versions by package", keys={"PACKAGE": "version; "
+            "`unknown`: the package is not installed"})]:
+        """Versions of this program, of Python and of the packages that a run needs."""
+        return versions()
+
+    @property
+    def platform(self) -> Annotated[str, Shown("operating system and processor architecture")]:
+        """Operating system and processor architecture."""
+        return platform.platform()
+
+    @property
+    def libc(self) -> Annotated[str, Shown("C library with its version")]:
+        """C library with its version."""
+        return " ".join(platform.libc_ver())
+
+    @property
+    def processor(self) -> Annotated[str, Shown("processor type for which code was compiled")]:
+        """Processor type for which code was compiled."""
+        return compiler.processor()[0]
+
+    @property
+    def processor_features(self) -> Annotated[str, Shown("processor features, each with + or -, separated by "
+            "commas")]:
+        """Processor features, each with + or -, separated by commas."""
+        return compiler.processor()[1]
+
+    # fmt: on
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the provenance as (name, value) rows of a table."""
+        return [
+            ("command line", self.command_line),
+            ("date", self.date),
+            *((name, f"{each.path}, SHA-256 {each.sha256}") for name, each in self.sources.items()),
+            ("versions", ", ".join(f"{name} {each}" for name, each in self.versions.items())),
+            ("platform", f"{self.platform}, {self.libc}, {self.processor}"),
+        ]
+
+
+def provenance_of(
+    command_line: str, sources: Mapping[str, Source], environment: Mapping[str, str] = os.environ
+) -> Provenance:
+    """Return a result's provenance, dated now or by `SOURCE_DATE_EPOCH` of the environment."""
+    given = environment.get(_EPOCH, "")
+    is_given = given.isascii() and given.isdigit() and len(given) < 12
+    now = datetime.fromtimestamp(int(given), UTC) if is_given else datetime.now(UTC)
+    return Provenance(command_line, now.isoformat(timespec="seconds"), dict(sources))
 
 
 def content_of(plan: Plan, channel: str, bus: str = "", is_recorded: bool = False) -> Content:

@@ -19,8 +19,8 @@ from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import BUS_LOGS, ROWS_AND_FRAMES, ROWS_ONLY, Limit
 from liftgate_hil.loop.listener import Listener
 
-NS = 1_000_000_000
 RATE = Number(200.0, 10_000.0, "Hz")
+DEFAULT_RATE = 1000.0  # Hz
 CLOCKS = ("realtime", "free", "lockstep")
 
 
@@ -82,7 +82,7 @@ class RunRequest(RunSubject, SetupChoice, WireChoice):
     """Request for a run of a scenario against an ECU."""
 
     rig: OwnRig = None
-    rate: Rate = 1000.0
+    rate: Rate = DEFAULT_RATE
     duration: Duration = None
     overrun_limit: Annotated[float, Field(Number(1e-3, 3600.0, "s"), "end with an error when the loop falls this "
         "far behind", metavar="S")] = 1.0
@@ -159,7 +159,7 @@ class EcuRequest(WireChoice):
 class RigCheckRequest(VehicleChoice):
     """Request to check a rig: whether it fits a vehicle and a rate."""
 
-    rate: Rate = 1000.0
+    rate: Rate = DEFAULT_RATE
 
 
 # fmt: on

@@ -17,7 +17,7 @@ from liftgate_hil.config.kinds import NumbersByName
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, ScenarioFile, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
-from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE, find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import VehicleFile, load_vehicle, read_vehicle
@@ -87,7 +87,7 @@ def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Ri
     """Return the rig given, or load it by name or path; None: the scenario's or liftgate. Raises ConfigError."""
     if rig is None and scenario is not None and scenario.rig:
         return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
-    rig = "liftgate" if rig is None else rig
+    rig = DEFAULT_RIG if rig is None else rig
     if isinstance(rig, str | Path):
         return rig_from(rig)
     if not isinstance(rig, Rig):
@@ -208,7 +208,7 @@ def setup_of(
     scenario = scenario_of(scenario, parameters)
     called = ""
     if vehicle is None:
-        vehicle = scenario.vehicle or "suv"
+        vehicle = scenario.vehicle or DEFAULT_VEHICLE
         called = f"{scenario.source}: vehicle" if scenario.vehicle else ""
     if isinstance(vehicle, str | Path):
         vehicle = read_vehicle(find_config("vehicles", str(vehicle), called), str(vehicle))

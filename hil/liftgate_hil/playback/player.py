@@ -28,18 +28,17 @@ from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Quantiles, distribution, note
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import Realtime, prepare_thread
-from liftgate_hil.loop.realtime_loop import clock_ns, make_room
+from liftgate_hil.loop.realtime_loop import MONOTONIC, clock_ns, make_room
 from liftgate_hil.loop.replay_loop import TRIAL_NS, Schedule, empty_schedule, params_for, play, put
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import in_words
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.playback.selection import DueTimes, Selection, playable
-from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
 
 _WATCH_S = 0.05  # between two checks of the wire
 _SWITCH_S = 0.0005  # time this thread keeps the interpreter lock while a pump's thread waits
-_MONOTONIC = 1  # number of the clock
 
 Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due [ns], and the frames
 
@@ -133,7 +132,7 @@ class NotedTransport:
         """Send frames, in the order in which the loop has passed them on, and record their lateness."""
         failed = self._transport.counts().send_failures
         self._transport.send(frames)
-        now = clock_ns(_MONOTONIC, self._room)
+        now = clock_ns(MONOTONIC, self._room)
         schedule, start = self._schedule, int(self._schedule.position[0].start_ns)
         for _ in range(frames.count):
             due = int(schedule.handed[self._count % len(schedule.handed)])

@@ -10,11 +10,11 @@ from liftgate_hil.config.described import command
 from liftgate_hil.config.sources import sources_of
 from liftgate_hil.formats.recording import read_options
 from liftgate_hil.loop.listener import Listener, Relay
+from liftgate_hil.plan.provenance import provenance_of
 from liftgate_hil.plan.setup import rig_of
 from liftgate_hil.playback.player import Played, Player, Replay
 from liftgate_hil.playback.request import ReplayRequest
 from liftgate_hil.playback.selection import Selection, identifiers_of
-from liftgate_hil.report.provenance import provenance_of
 from liftgate_hil.transport.find import find_way
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from liftgate_hil.described_result import Column
 from liftgate_hil.report.numbers import clean
 
 _CSS = """
@@ -110,6 +111,12 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
         f'<div class="wide" tabindex="0" role="group" aria-label="table: {text(label)}"><table>\n'
         f"<thead>{row(heads, 'th')}</thead>\n<tbody>\n{body}\n</tbody>\n</table></div>"
     )
+
+
+def table_of(columns: Sequence[Column], results: Sequence[object]) -> str:
+    """Return an HTML table of results by their columns; empty without results."""
+    rows = [[column.cell(each) for column in columns] for each in results]
+    return table([each.head for each in columns], rows, [each.look for each in columns])
 
 
 def pairs(rows: Sequence[tuple[str, str]]) -> str:

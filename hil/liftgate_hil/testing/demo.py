@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.drive.result import Result
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, number_of
@@ -26,6 +28,17 @@ _USUAL_EVERY = 10  # of a run of unknown length, one row in so many is kept
 _JUDGED = "parts/demo_judged"  # the demo with its expectations
 _LEARNED = "parts/demo_learned"  # the same, for a reference ECU that has learned the gate
 PICTURE = "demo.png"
+
+
+@dataclass(frozen=True)
+class DemoReport(DescribedResult):
+    """JSON report on a demo: the result of its run, and its pinch event."""
+
+    result: Annotated[Result, Shown("its result", is_flat=True)]
+    pinch: Annotated[
+        PinchEvent | None,
+        Shown("`demo` only: the contact with the largest pinch force; null: nothing was pinched"),
+    ]
 
 
 def is_whole(request: RunRequest) -> bool:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from liftgate_hil.errors import number_of
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, margin_text, worst
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
-from liftgate_hil.report.provenance import Provenance
 from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
 from liftgate_hil.testing.mutation import MutationResult
 from liftgate_hil.testing.outcome import Outcome, counts_of, subject_of, verdict_of

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import database_file, is_database, load_messages
-from liftgate_hil.config.described import command
 from liftgate_hil.config.kinds import listed
-from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.rig import DEFAULT_BITRATE, Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.answers import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -35,24 +34,6 @@ from liftgate_hil.signals import COLUMNS
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us
 from liftgate_hil.testing.request import JudgeRequest
-
-_BITRATE = 500_000.0  # bit/s; it does not matter for a database alone
-
-
-@command(JudgeRequest)
-def judge(request: JudgeRequest) -> dict[str, Verdict]:
-    """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
-
-    The recordings are tables, bus logs, or both. What was not recorded makes a verdict inconclusive. Timestamps
-    count from the run's start; those of a wall clock from when a recording of ours says that the run began. What
-    our recordings state of vehicle, rig and parameters comes before the scenario's, and after what is given.
-
-        judge(["drive.log"], "close.toml", rig="their.dbc", maps=["gate_angle_deg=Tailgate.Position"])
-
-    Raises ConfigError.
-    """
-    paths = paths_of(request)
-    return judged(paths, *as_recorded(paths, expectations_of(request))).verdicts
 
 
 def paths_of(request: JudgeRequest) -> list[Path]:
@@ -296,4 +277,4 @@ def _rig_of(rig: str | Path | Rig | None, scenario: Scenario) -> Rig:
     file = database_file(rig)
     messages = load_messages(issues, file)
     issues.raise_if_any()
-    return Rig(file.path, _BITRATE, messages, (), (), {}, False, str(rig))
+    return Rig(file.path, DEFAULT_BITRATE, messages, (), (), {}, False, str(rig))

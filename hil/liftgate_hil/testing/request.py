@@ -24,7 +24,7 @@ from liftgate_hil.ecu.names import ON_A_BUS, REFERENCE
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.suffixes import WITH_FRAMES, WITH_ROWS
 from liftgate_hil.measurement.request import MapRequest
-from liftgate_hil.plan.request import AskForRealtime, Clock, Cpu, Rate, WallTimeout, check_cpu
+from liftgate_hil.plan.request import DEFAULT_RATE, AskForRealtime, Clock, Cpu, Rate, WallTimeout, check_cpu
 
 
 # fmt: off
@@ -37,25 +37,6 @@ class JudgedFiles(Record, kw_only=False):
         metavar="NAME|FILE", flag="scenario")]
 
 
-class JudgeRequest(JudgedFiles, ParametersChoice, MapRequest):
-    """Request to judge recordings by a scenario's expectations."""
-
-    vehicle: OwnVehicle = None
-    rig: Annotated[AnyRig | None, Field(RIG, "a rig, or a database: decodes the frames", "the "
-        "scenario's, else liftgate", "NAME|FILE")] = None
-    recording_channel: RecordingChannel = None
-    timezone: TimeZone = None
-    duration: Annotated[float | None, Field(Number(1e-3, 1e9, "s"), "end of the run", "the scenario's, else the "
-        "recording's", "S")] = None
-    rate: Annotated[float, Field(Number(1.0, 10_000.0, "Hz"), "ticks per second in which recordings of other "
-        "tools are judged", metavar="HZ")] = 1000.0
-    longest_gap: Annotated[float | None, Field(Number(1e-6, 1e9, "s"), "longest gap between two samples of a "
-        "column in recordings of other tools; a longer one makes windows inconclusive", "three times the column's "
-        "usual interval", "S")] = None
-    origin: Annotated[float | None, Field(Number(-1e10, 1e10, "s"), "where the run begins in recordings of other "
-        "tools, by their times", "with their first sample", "S")] = None
-
-
 class ReportsChoice(Record):
     """Base class of the requests that report verdicts: the report files."""
 
@@ -66,6 +47,26 @@ class ReportsChoice(Record):
         metavar="FILE")] = None
     results: Annotated[str | Path | None, Field(File(), "write all three into this folder, beside the recordings "
         "of `test`", metavar="FOLDER")] = None
+
+
+class JudgeRequest(JudgedFiles, ReportsChoice, ParametersChoice, MapRequest):
+    """Request to judge recordings by a scenario's expectations."""
+
+    vehicle: OwnVehicle = None
+    rig: Annotated[AnyRig | None, Field(RIG, "a rig, or a database: decodes the frames", "the "
+        "scenario's, else liftgate", "NAME|FILE")] = None
+    recording_channel: RecordingChannel = None
+    timezone: TimeZone = None
+    duration: Annotated[float | None, Field(Number(1e-3, 1e9, "s"), "end of the run", "the scenario's, else the "
+        "recording's", "S")] = None
+    rate: Annotated[float, Field(Number(1.0, 10_000.0, "Hz"), "ticks per second in which recordings of other "
+        "tools are judged", metavar="HZ")] = DEFAULT_RATE
+    longest_gap: Annotated[float | None, Field(Number(1e-6, 1e9, "s"), "longest gap between two samples of a "
+        "column in recordings of other tools; a longer one makes windows inconclusive", "three times the column's "
+        "usual interval", "S")] = None
+    origin: Annotated[float | None, Field(Number(-1e10, 1e10, "s"), "where the run begins in recordings of other "
+        "tools, by their times", "with their first sample", "S")] = None
+    one_run: Annotated[bool, Field(Flag(), "all files belong to one run, whatever their names")] = False
 
 
 class SuiteFiles(Record, kw_only=False):
@@ -82,7 +83,7 @@ class SuiteRequest(SuiteFiles, ReportsChoice, ParametersChoice, VehicleSettings,
     """Request to run scenarios as tests."""
 
     clock: Clock = "free"
-    rate: Rate = 1000.0
+    rate: Rate = DEFAULT_RATE
     wall_timeout: WallTimeout = None
     realtime: AskForRealtime = None
     cpu: Cpu = None

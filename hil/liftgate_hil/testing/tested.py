@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -17,11 +17,11 @@ from liftgate_hil.described_result import DescribedResult, Shown
 from liftgate_hil.ecu.mutants import ecu_and_mutant
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.formats.target import is_one_of
-from liftgate_hil.judging.verdict import PASS, worst
+from liftgate_hil.judging.verdict import PASS, Verdict, Verdicts, worst
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.plan.plan import Plan
+from liftgate_hil.plan.provenance import Provenance, provenance_of
 from liftgate_hil.plan.request import Job, RunRequest
-from liftgate_hil.report.provenance import Provenance, provenance_of
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.judged_suite import judge_suite, recorded_cases_of, runs_of
 from liftgate_hil.testing.junit import as_junit
@@ -36,7 +36,7 @@ from liftgate_hil.testing.report_files import (
     targets_of,
     write_all,
 )
-from liftgate_hil.testing.request import JudgeRequest, ReportsChoice, SuiteRequest
+from liftgate_hil.testing.request import JudgeRequest, SuiteRequest
 from liftgate_hil.testing.scenario_files import scenario_files, unreadable_files
 from liftgate_hil.testing.suite import attempt_stem, cases_of, is_alone, run_suite
 
@@ -59,6 +59,16 @@ class SuiteResult(DescribedResult):
         """Worst verdict of all scenarios and of the mutation testing."""
         tested = [] if self.mutation is None else [self.mutation.verdict]
         return worst([verdict_of(self.scenarios), *tested])
+
+    @property
+    def verdicts(self) -> Mapping[str, Verdict]:
+        """Verdicts by expectation; of several scenarios or recorded runs by "FILE: EXPECTATION"."""
+        found = [(one.case.file, one.result.expectations) for one in self.scenarios if one.result is not None]
+        prefixes = ["" if len(self.scenarios) == 1 else f"{file}: " for file, _ in found]
+        return Verdicts(
+            {f"{prefix}{name}": each for prefix, (_, own) in zip(prefixes, found, strict=True)
+             for name, each in own.items()}
+        )
 
     @property
     def expectations(self) -> Annotated[VerdictCounts, Shown("how many expectations have which verdict")]:
@@ -160,26 +170,37 @@ def report_on(request: SuiteRequest, listener: SuiteListener | None = None, comm
     return result
 
 
-def judge_on(
-    request: JudgeRequest,
-    reports: ReportsChoice,
-    is_one_run: bool = False,
-    listener: SuiteListener | None = None,
-    command_line: str = "",
-) -> SuiteResult:
-    """Judge recordings run by run, write the reports, and return the result.
+@command(JudgeRequest)
+def judge(request: JudgeRequest) -> SuiteResult:
+    """Return the verdicts of a scenario's expectations from recordings: tables, bus logs, or both.
 
-    `is_one_run`: all files belong to one run, whatever their names. What is wrong with the request is written into
-    the JUnit files, too. Raises ConfigError.
+    Files whose names differ in the suffix only belong to one run, and each run is judged. What was not recorded
+    makes a verdict inconclusive. Timestamps count from the run's start; those of a wall clock from when one of our
+    recordings says that the run began. What ours state of vehicle, rig and parameters comes before the scenario's,
+    and after what is given.
+
+        judge(["drive.log"], "close.toml", rig="their.dbc", maps=["gate_angle_deg=Tailgate.Position"]).verdicts
+
+    Raises ConfigError.
+    """
+    return judge_on(request)
+
+
+def judge_on(
+    request: JudgeRequest, listener: SuiteListener | None = None, command_line: str = ""
+) -> SuiteResult:
+    """Judge recordings run by run, write the reports, and return the result; the `listener` is kept informed.
+
+    What is wrong with the request is written into the JUnit files, too. Raises ConfigError.
     """
     heard = SuiteListener() if listener is None else listener
-    targets = targets_of(reports, heard.words, heard.say)
+    targets = targets_of(request, heard.words, heard.say)
     report, outcomes = SuiteReport(), list[Outcome]()
     with reporting_issues(targets, heard.words, heard.say):
         files = (*paths_of(request), *listed(request.maps), request.scenario, request.vehicle, request.rig)
         refuse_inputs(targets, [each for each in files if isinstance(each, str | Path)])
         request = request.validated()
-        about, runs = expectations_of(request), runs_of(paths_of(request), is_one_run)
+        about, runs = expectations_of(request), runs_of(paths_of(request), request.one_run)
         cases = recorded_cases_of(runs, about, is_reported=any(targets.values()))
         refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
         clear_the_way(targets, heard.say)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import (
+    CLASSIC_BYTES,
     ERROR,
     EXTENDED,
     FRAME_BRS,
@@ -25,8 +26,6 @@ from liftgate_hil.errors import shown
 
 if TYPE_CHECKING:
     import can
-
-_CLASSIC_BYTES = 8
 
 
 class NotAFrameError(ValueError):
@@ -62,7 +61,7 @@ def fields_of(message: object) -> Fields:
     is_wide = message.is_extended_id or message.is_error_frame
     if not 0 <= number < 1 << (29 if is_wide else 11):
         raise NotAFrameError(f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29")
-    if not 0 <= length <= (MAX_BYTES if message.is_fd else _CLASSIC_BYTES):
+    if not 0 <= length <= (MAX_BYTES if message.is_fd else CLASSIC_BYTES):
         raise NotAFrameError(f"{shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
     if message.is_remote_frame and message.is_fd:
         raise NotAFrameError(f"{shown(message)}; allowed: remote frames without CAN FD")

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, FD_FLAGS, Frames, empty_frames
+from liftgate_hil.codec.frames import CLASSIC_BYTES, FD, FD_FLAGS, Frames, empty_frames
 from liftgate_hil.errors import ConfigError, TransportError, words_of
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of
 from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, CobsDecoder, encode
@@ -36,7 +36,6 @@ _CHUNK = 4096  # bytes; as much as a Linux terminal holds
 _READ_LIMIT = 2 * _CHUNK  # bytes in one call, so that a flood cannot hold up the loop
 _DROP_S = 0.2  # s that dropping what a reopened port has held back may take
 _POLL_S = 0.0005  # s between polls of a port that cannot be waited for
-_CLASSIC_BYTES = 8
 
 
 class SerialTransport:
@@ -94,7 +93,7 @@ class SerialTransport:
         for row in range(count):
             identifier, payload = self._arrived.popleft()
             # The line has no flag for CAN FD, but only CAN FD frames have so many bytes.
-            frames.identifiers[row] = identifier | (FD if len(payload) > _CLASSIC_BYTES else 0)
+            frames.identifiers[row] = identifier | (FD if len(payload) > CLASSIC_BYTES else 0)
             frames.lengths[row] = len(payload)
             frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
         return frames._replace(count=count)

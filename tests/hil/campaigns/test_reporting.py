@@ -27,8 +27,8 @@ from liftgate_hil.campaigns.reporting.report import heat_section, incomplete, in
 from liftgate_hil.campaigns.reporting.summary import CampaignSummary, summary_of
 from liftgate_hil.campaigns.search.worst_search import SearchEnd
 from liftgate_hil.campaigns.store import StoreError
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.report.page import page
-from liftgate_hil.report.provenance import Provenance
 
 HOSTILE = '<script>alert("1")</script> & \' $x^2 \\frac{ "'
 PROVENANCE = Provenance("liftgate-hil campaign 'a & b'", "2026-01-02T03:04:05+00:00")

@@ -154,7 +154,7 @@ def test_an_unreadable_recording_is_an_error_and_the_others_are_judged(
 
 def test_map_reads_a_required_column_from_another_recorded_column(folder: Path) -> None:
     maps = ["gate_rate_degps=sensed_gate_angle_deg[deg/s]"]
-    found = lh.judge([folder / "c.csv"], folder / "s.toml", maps=maps)
+    found = lh.judge([folder / "c.csv"], folder / "s.toml", maps=maps).verdicts
     assert found["moves"].margin == pytest.approx(46.0, abs=1.0)
     with pytest.raises(ConfigError, match=r"no column 'Gate\.Nobody'; allowed: "):
         lh.judge([folder / "a.csv", folder / "a.log"], folder / "s.toml", maps=["gate_rate_degps=Gate.Nobody"])

@@ -219,7 +219,7 @@ def test_a_reset_during_a_scenario_may_run_a_program(
     path, recorded = scenario(tmp_path, request + EXPECT), [tmp_path / "r.csv", tmp_path / "r.log"]
     _, result = on_bus(path, rig, record=recorded)
     (told,) = result.expectations.values()
-    (again,) = lh.judge(recorded, path, rig=rig).values()
+    (again,) = lh.judge(recorded, path, rig=rig).verdicts.values()
     assert (again.verdict, again.margin) == (told.verdict, told.margin)
     assert runs.read_text(encoding="utf-8") == "xx"
     assert (told.verdict == "pass") == (program == "pass"), told

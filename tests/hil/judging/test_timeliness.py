@@ -235,7 +235,7 @@ def test_a_late_or_silent_ecu_fails_its_expectation(tmp_path: Path) -> None:
 def test_missed_ticks_in_a_recording_make_its_verdict_inconclusive(tmp_path: Path) -> None:
     path, table = text_file(tmp_path / "s.toml", SCENARIO), tmp_path / "run.csv"
     lh.run(path, record=table)
-    assert lh.judge([table], path)["moves"].verdict == "pass"
+    assert lh.judge([table], path).verdicts["moves"].verdict == "pass"
     lines = table.read_text().splitlines()
     names = lines[0].split(",")
     place = names.index("ticks_missed")
@@ -244,7 +244,7 @@ def test_missed_ticks_in_a_recording_make_its_verdict_inconclusive(tmp_path: Pat
         cells[place] = "7"
         lines[k] = ",".join(cells)
     table.write_text("\n".join(lines) + "\n")
-    found = lh.judge([table], path)["moves"]
+    found = lh.judge([table], path).verdicts["moves"]
     assert found.verdict == "inconclusive"
     assert found.reason.startswith("the bench was late: 7 ticks were missed at about 0.1")
 

@@ -241,7 +241,7 @@ def test_a_failed_reset_during_a_scenario_makes_it_inconclusive(
     assert reason_of(result) == f"request: reset: {said}"
     assert ecu.requests == [HARD, HARD]
     for recorded in (files[:1], files[1:3], files[3:]):
-        again = lh.judge(recorded, tmp_path / "s.toml", rig=tmp_path / "their.toml")
+        again = lh.judge(recorded, tmp_path / "s.toml", rig=tmp_path / "their.toml").verdicts
         assert again == result.expectations
 
 
@@ -251,7 +251,7 @@ def test_a_successful_reset_is_judged_the_same_from_recordings(on_bus: Run, tmp_
     ecu, result = on_bus(EXPECT + AT_100_MS, UDS, *answers, record=[file])
     assert result.verdict == "pass", result
     assert ecu.requests == [HARD] * 3
-    assert lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml") == result.expectations
+    assert lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml").verdicts == result.expectations
 
 
 def test_a_reset_is_requested_even_while_another_awaits_its_response(on_bus: Run) -> None:
@@ -312,6 +312,6 @@ def test_a_fault_impossible_on_a_real_bus_is_judged_the_same_from_recordings(
     said = "fault[0]: bus_off: a real controller cannot be taken off its bus from here"
     assert reason_of(result).endswith(said)
     for file in files:
-        again = lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml")
+        again = lh.judge([file], tmp_path / "s.toml", rig=tmp_path / "their.toml").verdicts
         assert {each.verdict for each in again.values()} == {"inconclusive"}
         assert "did not apply 1 of the requested stimuli" in next(iter(again.values())).reason

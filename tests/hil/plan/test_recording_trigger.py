@@ -230,7 +230,7 @@ def test_times_outside_a_triggered_recording_are_inconclusive(runs: Path, tmp_pa
         '[[expect]]\nname = "bus"\nalways = "Gate.Angle < 80"\n'
         f'[[expect]]\nname = "in bus"\nalways = "Gate.Angle < 80"\nafter = {middle}\nwithin_s = 0.01\n'
     )
-    found = lh.judge([runs / f"part{suffix}"], tmp_path / "s.toml")
+    found = lh.judge([runs / f"part{suffix}"], tmp_path / "s.toml").verdicts
     verdicts = {name: each.verdict for name, each in found.items()}
     has_rows = suffix in TABLES
     has_frames = suffix in WITH_FRAMES
@@ -241,7 +241,7 @@ def test_times_outside_a_triggered_recording_are_inconclusive(runs: Path, tmp_pa
     }  # fmt: skip
     said = "rows are missing from 0 s to " if has_rows else "its window, to 2 s, was cut off"
     assert found["all" if has_rows else "bus"].reason.startswith(said)
-    empty = lh.judge([runs / f"none{suffix}"], tmp_path / "s.toml")
+    empty = lh.judge([runs / f"none{suffix}"], tmp_path / "s.toml").verdicts
     assert {each.reason for each in empty.values()} == {"nothing was recorded"}
 
 

@@ -52,7 +52,7 @@ def test_a_car_loggers_recording_is_judged_by_its_own_names(rig: str) -> None:
     maps = [ANGLE]
     if rig == "theirs.dbc":  # which says nothing of what stands for what
         maps += [f"sensed_{a}_current_a=HK_Motor.HK_Strom{b}" for a, b in (("left", "Links"), ("right", "Rechts"))]
-    found = lh.judge([CAR / "closing.log"], CAR / "closing.toml", rig=CAR / rig, maps=maps)
+    found = lh.judge([CAR / "closing.log"], CAR / "closing.toml", rig=CAR / rig, maps=maps).verdicts
     back, far, fuse, pinch = found.values()
     assert (back.verdict, far.verdict, fuse.verdict) == ("pass", "pass", "pass")
     assert back.window_s is not None
@@ -73,14 +73,14 @@ def test_a_map_sets_names_units_and_scales_for_judging(tmp_path: Path) -> None:
         'name = "i"\nalways = "sensed.left_current_a < 0.02"',
     )
     maps = ["time_s=t", "gate_angle_deg=Winkel[rad]", "sensed_left_current_a=I[mA]*-2"]
-    found = lh.judge([path], own, maps=maps)
+    found = lh.judge([path], own, maps=maps).verdicts
     assert found["a"].margin == pytest.approx(90 - math.degrees(0.8))
     assert found["i"].margin == pytest.approx(0.02 - 0.016)
     (tmp_path / "map.toml").write_text(
         '[columns]\ntime_s = "t"\ngate_angle_deg = { name = "Winkel", unit = "rad" }\n'
         'sensed_left_current_a = { name = "I", unit = "mA", scale = -2 }\n'
     )
-    assert lh.judge([path], own, maps=[str(tmp_path / "map.toml")]) == found
+    assert lh.judge([path], own, maps=[str(tmp_path / "map.toml")]).verdicts == found
 
 
 def test_foreign_parquet_and_mf4_files_are_judged_like_csv(tmp_path: Path) -> None:
@@ -93,19 +93,19 @@ def test_foreign_parquet_and_mf4_files_are_judged_like_csv(tmp_path: Path) -> No
     )
     times = even(50.0, 2.0)
     angles = [10.0 * time for time in times]
-    found = [lh.judge([ramp(tmp_path / "m.csv", times, "time_s,W")], own, maps=["gate_angle_deg=W"])]
+    found = [lh.judge([ramp(tmp_path / "m.csv", times, "time_s,W")], own, maps=["gate_angle_deg=W"]).verdicts]
     parquet.write_table(pa.table({"time_s": times, "W": angles}), tmp_path / "m.parquet")
-    found.append(lh.judge([tmp_path / "m.parquet"], own, maps=["gate_angle_deg=W"]))
+    found.append(lh.judge([tmp_path / "m.parquet"], own, maps=["gate_angle_deg=W"]).verdicts)
     with MDF(version="4.10") as file:
         file.append([Signal(np.radians(angles), np.array(times), unit="rad", name="W")])
         # Another raster, which ends where the run does.
         file.append([Signal(np.ones(5), np.linspace(0.0, 2.0, 5), name="other")])
         file.save(tmp_path / "m.mf4")
-    found.append(lh.judge([tmp_path / "m.mf4"], own, maps=["gate_angle_deg=W"]))
+    found.append(lh.judge([tmp_path / "m.mf4"], own, maps=["gate_angle_deg=W"]).verdicts)
     assert found[0] == found[1]
     assert found[0]["a"].time_s == found[2]["a"].time_s == 1.7
     assert found[2]["a"].margin == pytest.approx(found[0]["a"].margin)
-    (nothing,) = lh.judge([tmp_path / "m.mf4"], own).values()
+    (nothing,) = lh.judge([tmp_path / "m.mf4"], own).verdicts.values()
     assert nothing.reason == "not in the recording: gate_angle_deg"
 
 
@@ -117,7 +117,7 @@ def test_windows_and_hold_times_are_counted_in_ticks_at_any_sampling_rate(tmp_pa
         'name = "h"\neventually = "gate_angle_deg >= 10"\nfor_s = 0.2',
         head="duration = 2\n",
     )
-    found = lh.judge([ramp(tmp_path / "m.csv", even(rate, 2.0))], own)
+    found = lh.judge([ramp(tmp_path / "m.csv", even(rate, 2.0))], own).verdicts
     first = math.ceil(rate) / rate  # the sample that shows it; it holds until the next one
     assert found["w"].verdict == "fail"
     assert found["w"].margin == pytest.approx(10 * math.floor(0.9 * rate) / rate - 10)
@@ -132,15 +132,15 @@ def test_jitter_of_timestamps_is_no_gap_and_longer_intervals_are(tmp_path: Path)
         'name = "early"\nalways = "gate_angle_deg < 30"\nwithin_s = 0.8',
     )
     own = scenario(tmp_path, *expectations)
-    found = lh.judge([ramp(tmp_path / "m.csv", times)], own)
+    found = lh.judge([ramp(tmp_path / "m.csv", times)], own).verdicts
     assert {each.verdict for each in found.values()} == {"pass"}
     gone = [time for time in times if not 1.0 < time < 1.1]
     path = ramp(tmp_path / "m.csv", gone)
-    found = lh.judge([path], own)
+    found = lh.judge([path], own).verdicts
     assert (found["x"].verdict, found["early"].verdict) == ("inconclusive", "pass")
     assert found["x"].reason.startswith("there is no sample of gate_angle_deg from 0.99")
-    assert lh.judge([path], own, longest_gap=0.2)["x"].verdict == "pass"
-    assert lh.judge([path], own, longest_gap=0.011)["early"].verdict == "inconclusive"
+    assert lh.judge([path], own, longest_gap=0.2).verdicts["x"].verdict == "pass"
+    assert lh.judge([path], own, longest_gap=0.011).verdicts["early"].verdict == "inconclusive"
 
 
 def test_a_gap_concerns_its_column_only_and_an_early_end_counts_as_a_gap(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_a_gap_concerns_its_column_only_and_an_early_end_counts_as_a_gap(tmp_pat
         'name = "first"\nalways = "gate_angle_deg < 30"\nwithin_s = 0.9',
         'name = "opened"\nalways = "left_current_a < 30"\nafter = "gate_angle_deg > 5"',
     )  # fmt: skip
-    found = lh.judge([a, b], own)
+    found = lh.judge([a, b], own, one_run=True).verdicts
     assert {name: each.verdict for name, each in found.items()} == {
         "a": "inconclusive", "b": "pass", "first": "pass", "opened": "inconclusive"
     }  # fmt: skip
@@ -164,11 +164,11 @@ def test_wall_clock_times_count_from_the_first_timestamp_and_must_be_in_all_file
     log.write_text("".join(f"({epoch + 0.01 * k:.6f}) can1 393#{400 * k:04X}00\n" for k in range(101)))
     own = scenario(tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.405 and left_current_a > 4.5"')
     late = table(tmp_path / "m.csv", "time_s,left_current_a", [(epoch + time, 10 * time) for time in even(100, 1)])
-    found = lh.judge([late, log], own, rig=CAR / "theirs.dbc")
+    found = lh.judge([late, log], own, rig=CAR / "theirs.dbc", one_run=True).verdicts
     assert found["x"].time_s == pytest.approx(0.51)  # 0.01 rad a frame, from -0.1
     other = table(tmp_path / "o.csv", "time_s,left_current_a", [(time, 1.0) for time in even(100, 1)])
     with pytest.raises(ConfigError, match=r"m\.log: wall-clock timestamps, but none in .*o\.csv"):
-        lh.judge([other, log], own, rig=CAR / "theirs.dbc")
+        lh.judge([other, log], own, rig=CAR / "theirs.dbc", one_run=True)
 
 
 def test_a_time_0_after_the_end_is_refused(tmp_path: Path) -> None:
@@ -196,10 +196,10 @@ def test_local_dates_of_a_table_are_read_in_the_given_time_zone(
         log = tmp_path / "m.log"
         log.write_text("".join(f"({begin + 0.1 * k:.6f}) can0 123#00\n" for k in range(50)))
         own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
-        found = lh.judge([path, log], own, maps=["time_s=t"], timezone="Asia/Shanghai")
+        found = lh.judge([path, log], own, maps=["time_s=t"], timezone="Asia/Shanghai", one_run=True).verdicts
         assert found["a"].verdict == "pass"
         with pytest.raises(ConfigError, match="8 h after"):
-            lh.judge([path, log], own, maps=["time_s=t"], timezone="UTC")
+            lh.judge([path, log], own, maps=["time_s=t"], timezone="UTC", one_run=True)
     monkeypatch.undo()
     time.tzset()
 
@@ -232,8 +232,8 @@ def test_judging_ignores_frames_that_fail_the_rigs_protection(tmp_path: Path) ->
         (0.01 * k, f"392#{0 if k != 7 else 2000:04X}0000{(k if k != 7 else 6) % 4096:03X}0") for k in range(50)
     ]
     (tmp_path / "m.log").write_text("".join(f"({time:010.6f}) can0 {said}\n" for time, said in frames))
-    assert lh.judge([tmp_path / "m.log"], own, rig=tmp_path / "r.toml")["x"].verdict == "pass"
-    assert lh.judge([tmp_path / "m.log"], own, rig=CAR / "theirs.toml")["x"].verdict == "fail"
+    assert lh.judge([tmp_path / "m.log"], own, rig=tmp_path / "r.toml").verdicts["x"].verdict == "pass"
+    assert lh.judge([tmp_path / "m.log"], own, rig=CAR / "theirs.toml").verdicts["x"].verdict == "fail"
 
 
 def by_hand(track: ColumnSamples, at: list[int]) -> list[float]:
@@ -257,7 +257,7 @@ def test_a_column_has_its_latest_sample_in_each_tick(times: list[int], at: list[
 def test_a_unit_after_a_catalogue_name_is_understood_in_any_form(tmp_path: Path, head: str) -> None:
     path = table(tmp_path / "m.csv", f"time_s,{head}", [(0.1 * k, 500.0) for k in range(9)])
     own = scenario(tmp_path, 'name = "i"\nalways = "left_current_a < 1"')
-    assert lh.judge([path], own)["i"].margin == pytest.approx(0.5)
+    assert lh.judge([path], own).verdicts["i"].margin == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("head", ["left_current_ma", "left_current_kA"])
@@ -300,7 +300,7 @@ def test_an_unmapped_database_label_does_not_affect_other_signals_of_its_frame(t
     log.write_text("".join(lines))
     more = ['name = "unlatches"\neventually = "sensed.latched == 0"'] if also else []
     own = scenario(tmp_path, 'name = "stop"\nnever = "sensed.gate_angle_deg > 90"', *more)
-    found = lh.judge([log], own, rig=tmp_path / "rig.toml")
+    found = lh.judge([log], own, rig=tmp_path / "rig.toml").verdicts
     assert (found["stop"].verdict, found["stop"].margin) == ("fail", pytest.approx(-5.0))
     about = expectations_of(JudgeRequest((), own, rig=tmp_path / "rig.toml"))
     (outcome,) = judge_suite(recorded_cases_of([(log,)], about), is_summarized=False)
@@ -320,8 +320,10 @@ def test_a_decoded_table_is_judged_like_its_log(tmp_path: Path, suffix: str) -> 
         'name = "fuse"\nalways = "sensed.left_current_a < 30"',
     )
     maps = ["sensed_gate_angle_deg=HK_Status.HK_Winkel", "sensed_left_current_a=HK_Motor.HK_StromLinks"]
-    theirs = lh.judge([log], own, rig=CAR / "theirs.dbc", maps=maps)
-    ours = lh.judge([table_], own, maps=maps, rig=CAR / "theirs.dbc" if suffix == ".csv" else None)  # has no units
+    theirs = lh.judge([log], own, rig=CAR / "theirs.dbc", maps=maps).verdicts
+    ours = lh.judge(
+        [table_], own, maps=maps, rig=CAR / "theirs.dbc" if suffix == ".csv" else None
+    ).verdicts  # has no units
     for name, verdict in theirs.items():
         assert (ours[name].verdict, ours[name].margin) == ("pass", pytest.approx(verdict.margin)), name
 
@@ -330,9 +332,9 @@ def test_rows_that_come_in_pairs_have_no_gaps_between_them(tmp_path: Path) -> No
     """Such as rows of two messages sent one after the other."""
     times = [0.01 * k + part for k in range(100) for part in (0.0, 0.0005)]
     own = scenario(tmp_path, 'name = "a"\nalways = "gate_angle_deg < 90"')
-    assert lh.judge([ramp(tmp_path / "m.csv", times)], own)["a"].verdict == "pass"
+    assert lh.judge([ramp(tmp_path / "m.csv", times)], own).verdicts["a"].verdict == "pass"
     missing = [each for each in times if not 0.3 < each < 0.4]
-    assert lh.judge([ramp(tmp_path / "m.csv", missing)], own)["a"].verdict == "inconclusive"
+    assert lh.judge([ramp(tmp_path / "m.csv", missing)], own).verdicts["a"].verdict == "inconclusive"
 
 
 def test_a_log_without_frames_is_inconclusive_and_its_unparsed_lines_are_noted(tmp_path: Path) -> None:
@@ -354,8 +356,8 @@ def test_an_origin_sets_time_0_of_a_log_with_wall_clock_times(tmp_path: Path, or
     log = tmp_path / "m.log"
     log.write_text("".join(f"({1_749_988_800 + 0.01 * k:.6f}) can1 393#{100 * k:04X}00\n" for k in range(401)))
     own = scenario(tmp_path, 'name = "x"\neventually = "HK_Status.HK_Winkel > 0.85"')
-    found = lh.judge([log], own, rig=CAR / "theirs.dbc", origin=origin)
+    found = lh.judge([log], own, rig=CAR / "theirs.dbc", origin=origin).verdicts
     assert found["x"].verdict == "pass"
     assert found["x"].time_s == pytest.approx(
-        lh.judge([log], own, rig=CAR / "theirs.dbc")["x"].time_s - 2.0, abs=0.02
+        lh.judge([log], own, rig=CAR / "theirs.dbc").verdicts["x"].time_s - 2.0, abs=0.02
     )

@@ -127,7 +127,7 @@ def test_expectations_that_pass_after_an_incomplete_precondition_are_inconclusiv
     }
     assert result.expectations["soft"].reason == unmet
     assert f"{unmet}: the scenario begins there" in result.notes
-    assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
+    assert lh.judge([tmp_path / "run.csv"], file).verdicts == dict(result.expectations)
 
 
 def test_an_incomplete_precondition_is_seen_in_a_recording(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_an_incomplete_precondition_is_seen_in_a_recording(tmp_path: Path) -> No
     file = scenario(tmp_path, f'precondition = ["open"]\n{expected}', 0.5)
     result = lh.run(file, ecu=Idle(), record=tmp_path / "run.csv")
     assert result.expectations["soft"].verdict == "inconclusive"
-    assert lh.judge([tmp_path / "run.csv"], file) == dict(result.expectations)
+    assert lh.judge([tmp_path / "run.csv"], file).verdicts == dict(result.expectations)
 
 
 @pytest.mark.parametrize("clock", ["free", "realtime"])

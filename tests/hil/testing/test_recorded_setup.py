@@ -126,5 +126,5 @@ def test_a_damaged_provenance_gives_no_setup_and_no_error(tmp_path: Path, about:
     kept = {**table.schema.metadata, ABOUT_PARQUET.encode(): about.encode()}
     parquet.write_table(table.replace_schema_metadata(kept), path)
     (tmp_path / "s.toml").write_text('[[expect]]\nname = "a"\nalways = "gate_angle_deg < 90"\n')
-    assert lh.judge([path], tmp_path / "s.toml")["a"].verdict == "pass"
+    assert lh.judge([path], tmp_path / "s.toml").verdicts["a"].verdict == "pass"
     assert RecordingSource(path).state(0.05)["acting"]["spring_health"] == {}

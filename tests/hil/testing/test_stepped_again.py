@@ -81,9 +81,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path], flo
 
 def test_lateness_smaller_than_the_margin_is_judged(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
-    true = lh.judge(files, scenario(folder, 300.0))
+    true = lh.judge(files, scenario(folder, 300.0)).verdicts
     for ticks, method in ((4, "direct"), (8, "replay"), (10, "replay")):
-        found = lh.judge(with_lateness(files, peak - 0.02, ticks), scenario(folder, 300.0))
+        found = lh.judge(with_lateness(files, peak - 0.02, ticks), scenario(folder, 300.0), one_run=True).verdicts
         for name in ("soft", "lets go"):
             assert (found[name].verdict, found[name].method) == ("pass", method), found[name]
             assert found[name].margin == true[name].margin
@@ -93,9 +93,9 @@ def test_lateness_smaller_than_the_margin_is_judged(run: tuple[Path, list[Path],
 
 def test_lateness_larger_than_the_margin_is_inconclusive(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
-    tight = lh.judge(files, scenario(folder, 300.0))["soft"].margin
+    tight = lh.judge(files, scenario(folder, 300.0)).verdicts["soft"].margin
     limit = 300.0 - tight + 3.0  # 3 N are left
-    found = lh.judge(with_lateness(files, peak - 0.02, 8), scenario(folder, limit))["soft"]
+    found = lh.judge(with_lateness(files, peak - 0.02, 8), scenario(folder, limit), one_run=True).verdicts["soft"]
     assert (found.verdict, found.method) == ("inconclusive", "replay")
     assert "is within its uncertainty of" in found.reason
 
@@ -110,7 +110,7 @@ def test_a_bench_delay_as_long_as_lost_messages_makes_all_later_decisions_inconc
     folder, files, peak = run
     path = scenario(folder, 300.0, '[[expect]]\nname = "early"\nalways = "pinch_force_n < 1"\nwithin_s = 0.5\n')
     for ticks in (11, 50):
-        found = lh.judge(with_lateness(files, peak - before, ticks), path)
+        found = lh.judge(with_lateness(files, peak - before, ticks), path, one_run=True).verdicts
         for name in ("soft", "lets go"):
             assert (found[name].verdict, found[name].method) == ("inconclusive", None), found[name]
             assert "may treat messages as lost" in found[name].reason
@@ -120,9 +120,9 @@ def test_a_bench_delay_as_long_as_lost_messages_makes_all_later_decisions_inconc
 def test_a_failure_that_lateness_cannot_have_caused_stands(run: tuple[Path, list[Path], float]) -> None:
     folder, files, _ = run
     path = scenario(folder, 5.0)
-    failed = lh.judge(files, path)["soft"]
+    failed = lh.judge(files, path).verdicts["soft"]
     assert failed.time_s is not None
-    found = lh.judge(with_lateness(files, failed.time_s - 0.01, 8), path)["soft"]
+    found = lh.judge(with_lateness(files, failed.time_s - 0.01, 8), path, one_run=True).verdicts["soft"]
     assert (found.verdict, found.method) == ("fail", "replay")
 
 
@@ -146,9 +146,9 @@ def test_recorded_command_faults_do_not_act_twice(tmp_path: Path, kind: str) -> 
     path = scenario(tmp_path, 300.0, fault)
     files = [tmp_path / "run.csv", tmp_path / "run.log"]
     result = lh.run(path, record=files)
-    true = lh.judge(files, path)
+    true = lh.judge(files, path).verdicts
     assert {k: v.verdict for k, v in true.items()} == {k: v.verdict for k, v in result.expectations.items()}
-    found = lh.judge(with_lateness(files, 1.0, 8), path)["soft"]
+    found = lh.judge(with_lateness(files, 1.0, 8), path, one_run=True).verdicts["soft"]
     assert (found.verdict, found.method) == ("pass", "replay")
     assert found.margin == true["soft"].margin
 
@@ -165,7 +165,7 @@ def test_a_gap_in_the_recorded_angle_prevents_a_confirmation(
     lines[3000] = ",".join(cells)
     holed = tmp_path / "holed.csv"
     holed.write_text("\n".join([head, *lines]) + "\n")
-    found = lh.judge([holed, files[1]], scenario(folder, 300.0))["soft"]
+    found = lh.judge([holed, files[1]], scenario(folder, 300.0), one_run=True).verdicts["soft"]
     assert found.verdict == "inconclusive"
 
 
@@ -196,7 +196,7 @@ def test_a_delayed_run_is_decided_by_stepping_its_gate_again_or_is_inconclusive(
     is_lost = any(text in found.reason for text in ("may treat messages as lost", "frames were dropped"))
     assert found.method == (None if is_lost else "replay")
     assert is_lost or delay_ms == 7
-    again = lh.judge(files, path)["soft"]
+    again = lh.judge(files, path).verdicts["soft"]
     # Where a busy machine has held it up, too, two waits may be equally long but for nanoseconds.
     assert replace(again, reason="") == replace(found, reason="")
     assert is_lost or again.reason == found.reason
@@ -205,7 +205,7 @@ def test_a_delayed_run_is_decided_by_stepping_its_gate_again_or_is_inconclusive(
 def test_a_gate_unlike_the_recorded_one_confirms_nothing(run: tuple[Path, list[Path], float]) -> None:
     folder, files, peak = run
     late = with_lateness(files, peak - 0.02, 8)
-    found = lh.judge(late, scenario(folder, 300.0), vehicle="compact")["soft"]
+    found = lh.judge(late, scenario(folder, 300.0), vehicle="compact", one_run=True).verdicts["soft"]
     assert found.verdict == "inconclusive"
 
 
@@ -276,9 +276,9 @@ def test_messages_between_other_nodes_are_replayed_if_an_expectation_uses_them(
         + '[[expect]]\nname = "asked"\neventually = "DriverRequest.Button > 1.5 and Gate.Angle > 1"\n'
     )
     late, _ = with_lateness(files, peak - 0.02, 9)
-    found = lh.judge([late, log], path)["asked"]
+    found = lh.judge([late, log], path, one_run=True).verdicts["asked"]
     assert (found.verdict, found.method) == ("pass", "replay")
-    assert lh.judge([files[0], log], path)["asked"].margin == found.margin
+    assert lh.judge([files[0], log], path, one_run=True).verdicts["asked"].margin == found.margin
 
 
 def test_a_recording_without_commands_cannot_be_stepped_again(
@@ -288,5 +288,5 @@ def test_a_recording_without_commands_cannot_be_stepped_again(
     empty = tmp_path / "empty.log"
     empty.write_text("")
     late = with_lateness(files, peak - 0.02, 8)
-    found = lh.judge([late[0], empty], scenario(folder, 300.0))["soft"]
+    found = lh.judge([late[0], empty], scenario(folder, 300.0), one_run=True).verdicts["soft"]
     assert found.verdict == "inconclusive"

@@ -11,8 +11,8 @@ from liftgate_hil.campaigns.reporting import report as single
 from liftgate_hil.campaigns.reporting.heat_map import label_of
 from liftgate_hil.campaigns.reporting.report import Choice
 from liftgate_hil.campaigns.reporting.summary import CampaignSummary
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.report.page import page, pairs, section, table, text
-from liftgate_hil.report.provenance import Provenance
 
 _FEW = 8  # values of a varied name that are a table's rows
 

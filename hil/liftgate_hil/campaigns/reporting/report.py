@@ -15,11 +15,11 @@ from liftgate_hil.campaigns.reporting.summary import FORCE, CampaignSummary, res
 from liftgate_hil.campaigns.results import MARGIN
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import with_unit
+from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.report.drawing import FINAL, INITIAL, INK, new_figure, style, svg
 from liftgate_hil.report.numbers import axis_label, plain, significant
 from liftgate_hil.report.page import Markup, alert, figure, page, pairs, section, table, text
 from liftgate_hil.report.pinch import BORROWED
-from liftgate_hil.report.provenance import Provenance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from liftgate_hil.cli.command import Call, add_flags, add_printed, as_flags
@@ -18,12 +19,11 @@ from liftgate_hil.config.described import fields_of
 from liftgate_hil.dashboard.request import RunPage
 from liftgate_hil.ecu.names import ON_A_BUS
 from liftgate_hil.errors import EcuError, printable
-from liftgate_hil.judging.verdict import ERROR, GIVEN_UP
+from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.plan.request import RunRequest
 
 if TYPE_CHECKING:
     from liftgate_hil.drive.result import Result
-    from liftgate_hil.report.provenance import Provenance
 
 
 def add_run(parser: argparse.ArgumentParser, ecu: str) -> None:
@@ -111,18 +111,16 @@ class ShownRun(NamedTuple):
     def report(self, result: Result) -> None:
         """Print the summary of a run, as text, as JSON or not at all, as the flags ask."""
         if self.call.is_json:
-            from liftgate_hil.report.run_report import RunReport
-
-            print(RunReport(result, *self.ending(result)).to_json())
+            print(self.ended(result).to_json())
         elif not self.call.is_quiet:
             print_summary(result)
 
-    def ending(self, result: Result) -> tuple[str, Provenance]:
-        """Return what ended a run (signal, "given up" or "duration"), and its provenance, for its report."""
-        from liftgate_hil.report.provenance import provenance_of
+    def ended(self, result: Result) -> Result:
+        """Return the result of a run with its provenance, and with the signal that stopped it, if any."""
+        from liftgate_hil.plan.provenance import provenance_of
 
-        reason = self.stopped.name or (GIVEN_UP if result.is_given_up else "duration")
-        return reason, provenance_of(self.call.command_line, result.sources)
+        provenance = provenance_of(self.call.command_line, result.sources)
+        return replace(result, stopped_by=self.stopped.name or "", provenance=provenance)
 
 
 def print_summary(result: Result) -> None:

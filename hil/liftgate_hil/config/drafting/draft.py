@@ -23,7 +23,7 @@ from liftgate_hil.config.drafting.lines import (
 )
 from liftgate_hil.config.drafting.words import named_values
 from liftgate_hil.config.files import is_there
-from liftgate_hil.config.rig import rig_of_content
+from liftgate_hil.config.rig import DEFAULT_BITRATE, rig_of_content
 from liftgate_hil.config.signal_name import notes_on_j1939
 from liftgate_hil.errors import ConfigError, ConfigIssues, printable
 from liftgate_hil.signals import PANEL
@@ -97,7 +97,7 @@ def draft_rig(database: str | Path, target: Path) -> Draft:
         "# Uncertain lines are commented out, each below its reason. `liftgate-hil rig check` shows the mapping.",
         "",
         f"dbc = {quoted(dbc)}",
-        "bitrate = 500000                         # bit/s of the bus",
+        f"bitrate = {DEFAULT_BITRATE:<30.0f} # bit/s of the bus",
     ]
     # A line that the rig's own checks refuse becomes a candidate with their reason.
     while True:

@@ -9,12 +9,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from liftgate_hil.described_result import columns_in
 from liftgate_hil.errors import number_of
 from liftgate_hil.identification.result import (
     Estimate,
     FixedParameter,
     Identification,
     ModelResult,
+    PhaseErrors,
     Series,
     columns_of,
     series_of,
@@ -48,6 +50,8 @@ _TURNED = (
     "factors: gear ratio, spindle lead, end angle, clock"
 )
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
+VALUES = ("value", "std", "relative_error", "initial", "change_percent", "unit")  # columns of an estimate
+ERRORS = columns_in(PhaseErrors, "rms", "maximum", "samples")
 EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}
 
 

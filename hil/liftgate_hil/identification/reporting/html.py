@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from liftgate_hil.described_result import columns_in
 from liftgate_hil.identification.reporting import figures
-from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
-from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.numbers import (
-    column_label,
-    deviation,
-    fit,
-    known_digits,
-    percent,
-    plain,
-    relative_change,
-    relative_error,
-    significant,
+from liftgate_hil.identification.reporting.findings import (
+    ERRORS,
+    VALUES,
+    dependences,
+    firsts,
+    residual_words,
+    strong_correlations,
 )
-from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table
-from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
+from liftgate_hil.plan.provenance import Provenance
+from liftgate_hil.report.drawing import svg
+from liftgate_hil.report.numbers import column_label, fit, percent, plain, significant
+from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table, table_of
 
 _FIT = (
     "Fit: 100 (1 − ‖measured − simulated‖ / ‖measured − its mean‖), the NRMSE; 0 is as good as the mean value. "
@@ -80,22 +78,7 @@ def _origin(provenance: Provenance | None) -> str:
 
 def _parameters(estimates: Sequence[Estimate]) -> str:
     """Return the HTML table of the parameters, without their remarks: the page's warnings contain these."""
-    rows = [
-        (
-            each.name,
-            each.symbol,
-            known_digits(each.value, each.shown_std),
-            deviation(each.shown_std),
-            percent(relative_error(each.value, each.shown_std)),
-            plain(each.initial),
-            percent(relative_change(each.value, each.initial), "+"),
-            each.unit,
-            "yes" if each.identifiable else "no",
-        )
-        for each in estimates
-    ]
-    heads = ("parameter", "", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
-    return table(heads, rows, ("name", "soft", "r", "r", "r", "r", "r", "n", ""))
+    return table_of(columns_in(Estimate, "name", "symbol", *VALUES, "identifiable"), estimates)
 
 
 def _estimates(result: Identification) -> str:
@@ -152,20 +135,8 @@ def _profiles(result: Identification) -> str:
 
 
 def _states(estimates: Sequence[Estimate]) -> str:
-    rows = [
-        (
-            each.name,
-            known_digits(each.value, each.shown_std),
-            deviation(each.shown_std),
-            plain(each.initial),
-            each.unit,
-            "yes" if each.identifiable else "no",
-            each.remark,
-        )
-        for each in estimates
-    ]
-    heads = ("state", "value", "std", "initial", "unit", "identifiable", "")
-    return table(heads, rows, ("name", "r", "r", "r", "n", "", "soft"))
+    columns = columns_in(Estimate, "name", "value", "std", "initial", "unit", "identifiable", "remark")
+    return table_of([columns[0]._replace(head="state"), *columns[1:]], estimates)
 
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
@@ -176,7 +147,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
         for i, each in enumerate(experiment.series):
             label, unit = column_label(each.output)
             cells = [experiment.name if i == 0 else "", label, fit(each.fit_percent)]
-            cells += [significant(size, 3) for size in (each.mean, each.rms, each.maximum)]
+            cells += [column.cell(each) for column in columns_in(Series, "mean", "rms", "maximum")]
             cells += [unit, _residual(each)]
             rows.append([*cells[:2], fit(each.fit_before), *cells[2:]] if before else cells)
     if before:
@@ -229,17 +200,15 @@ def _phases(experiments: Sequence[Experiment]) -> str:
             experiment.name,
             column_label(each.output)[0],
             phase,
-            significant(rms, 3),
-            significant(largest, 3),
+            *(column.cell(errors) for column in ERRORS),
             column_label(each.output)[1],
-            str(samples),
         )
         for experiment in experiments
         for each in experiment.series
-        for phase, (rms, largest, samples) in each.phases.items()
+        for phase, errors in each.phases.items()
     ]
-    heads = ("experiment", "output", "phase", "rms", "largest", "unit", "samples")
-    return table(heads, rows, ("name", "n", "", "r", "r", "n", "r"))
+    heads = ("experiment", "output", "phase", *(each.head for each in ERRORS), "unit")
+    return table(heads, rows, ("name", "n", "", "r", "r", "r", "n"))
 
 
 def _criteria(result: Identification) -> str:

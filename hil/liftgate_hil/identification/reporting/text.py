@@ -8,20 +8,18 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from liftgate_hil.described_result import Column, columns_in
 from liftgate_hil.identification.design import ExperimentPlan, Ranked
-from liftgate_hil.identification.reporting.findings import dependences, firsts, residual_words, strong_correlations
-from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
-from liftgate_hil.report.numbers import (
-    clean,
-    deviation,
-    fit,
-    known_digits,
-    percent,
-    plain,
-    relative_change,
-    relative_error,
-    significant,
+from liftgate_hil.identification.reporting.findings import (
+    ERRORS,
+    VALUES,
+    dependences,
+    firsts,
+    residual_words,
+    strong_correlations,
 )
+from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
+from liftgate_hil.report.numbers import clean, deviation, fit, known_digits, percent, plain, significant
 
 WIDTH = 110
 _ACROSS = 6  # columns of a matrix side by side
@@ -85,6 +83,13 @@ def _ranked(each: Ranked) -> list[str]:
     return [each.candidate.name, criterion, *stds]
 
 
+def text_table(columns: Sequence[Column], results: Sequence[object]) -> list[str]:
+    """Return the lines of a table of results: their columns, numbers at the right."""
+    rows = [[clean(column.cell(each), column.longest) for column in columns] for each in results]
+    align = "".join("r" if each.look == "r" else "l" for each in columns)
+    return table([each.head for each in columns], rows, align)
+
+
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
     """Return the lines of a text table; `align` has l (left) or r (right) for each column."""
     body = [list(heads), *[list(row) for row in rows]]
@@ -117,21 +122,8 @@ def _bullets(texts: Iterable[str]) -> list[str]:
 def _parameters(estimates: Sequence[Estimate]) -> list[str]:
     if not estimates:
         return []
-    rows = [
-        (
-            clean(each.name, 30),
-            known_digits(each.value, each.shown_std),
-            deviation(each.shown_std),
-            percent(relative_error(each.value, each.shown_std)),
-            plain(each.initial),
-            percent(relative_change(each.value, each.initial), "+"),
-            clean(each.unit, 12),
-            "yes" if each.identifiable else "NO",
-        )
-        for each in estimates
-    ]
-    heads = ("", "value", "std", "std %", "initial", "change %", "unit", "identifiable")
-    lines = table(heads, rows, "lrrrrrll")
+    columns = columns_in(Estimate, "name", *VALUES, "identifiable")
+    lines = text_table([columns[0]._replace(head=""), *columns[1:]], estimates)
     output = lines[:1]
     for line, each in zip(lines[1:], estimates, strict=True):
         output.append(line)
@@ -221,9 +213,7 @@ def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
             (
                 clean(each.output, 24),
                 f"{fit(each.fit_before)} -> {fit(each.fit_percent)}" if before else fit(each.fit_percent),
-                significant(each.mean, 2),
-                significant(each.rms, 3),
-                significant(each.maximum, 3),
+                *(column.cell(each) for column in columns_in(Series, "mean", "rms", "maximum")),
                 _residual(each),
             )
             for each in experiment.series
@@ -240,14 +230,12 @@ def _phases(experiments: Sequence[Experiment]) -> list[str]:
             (
                 clean(each.output, 30) if i == 0 else "",
                 clean(phase, 30),
-                significant(rms, 3),
-                significant(largest, 3),
-                str(samples),
+                *(column.cell(errors) for column in ERRORS),
             )
             for each in experiment.series
-            for i, (phase, (rms, largest, samples)) in enumerate(each.phases.items())
+            for i, (phase, errors) in enumerate(each.phases.items())
         ]
         if rows:
             lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
-            lines += table(("", "phase", "rms", "largest", "samples"), rows, "llrrr")
+            lines += table(("", "phase", *(each.head for each in ERRORS)), rows, "llrrr")
     return lines

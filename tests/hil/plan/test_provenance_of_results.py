@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from liftgate_hil.config.sources import sources_of
-from liftgate_hil.report.provenance import provenance_of
+from liftgate_hil.plan.provenance import provenance_of
 
 
 def test_a_source_file_is_identified_by_its_content(tmp_path: Path) -> None:
