@@ -56,7 +56,7 @@ compile: setup
 	$(LAST) $(BIN)/liftgate-hil compile --quiet
 
 test-main: setup
-	$(LAST) $(BIN)/python $(PYTEST) -n $(or $(MAIN_JOBS),$(JOBS)) --dist worksteal -m "not realtime and not browser"
+	$(LAST) $(BIN)/python $(PYTEST) -n $(JOBS) --dist worksteal -m "not realtime and not browser"
 
 # Tests in real time, which wait most of the time. They have a port for multicast datagrams of their own: python-can's bus
 # of that kind hears all groups of a port.

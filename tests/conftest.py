@@ -84,6 +84,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 LONG = ("tools", "system", "hil/campaigns", "hil/dashboard")
 # Without machine code of the product's entry points, which `make compile` makes meanwhile.
 EARLY = ("plant", "reference", "hil/codec", "hil/config", "hil/transport")
+_NEEDS_IT = re.compile(r"\bGate\(|\blh\.|\bmain\(|\bEpisode\(")  # what files there use that do need it
 
 
 @pytest.hookimpl(trylast=True)  # after those that are not asked for are left out
@@ -95,8 +96,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     process: python-can's own bus of that kind hears all groups of a port. Those in a browser share one.
     """
     root = Path(__file__).parent
-    folders = [root / each for each in (*EARLY, *LONG)]
-    first = [item for folder in folders for item in items if item.path.is_relative_to(folder)]
+    early = [item for each in EARLY for item in items if item.path.is_relative_to(root / each)]
+    long = [item for each in LONG for item in items if item.path.is_relative_to(root / each)]
+    first = [*(item for item in early if not needs_machine_code(item.path)), *long]
     chosen = set(first)
     others = [item for item in items if item not in chosen]
     items[:] = dealt(first, others, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
@@ -115,6 +117,12 @@ def dealt(first: list[pytest.Item], others: list[pytest.Item], processes: int) -
         found += [item for item in first if files[item.path] % processes == process]
         found += itertools.islice(rest, max(0, total * (process + 1) // processes - len(found)))
     return [*found, *rest]
+
+
+@functools.cache
+def needs_machine_code(path: Path) -> bool:
+    """Whether tests of a file run the product's entry points."""
+    return _NEEDS_IT.search(path.read_text("utf-8")) is not None
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from liftgate_compiler import compilable
 from liftgate_plant import contact
 
-ROD_STIFFNESS = 10_000.0  # N/m, of the softest test rod: 10 N/mm (49 CFR 571.118 S5)
+ROD_STIFFNESS = 10_000.0  # N/m, of the rod by which anti-trap functions are judged: 10 N/mm
 
 
 class Obstacle(NamedTuple):

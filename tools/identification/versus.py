@@ -1,6 +1,6 @@
 """Benchmark of the `identify` command: run 1 of the thesis at 1 kHz, against scipy's least_squares and solve_ivp.
 
-Both sides have the same data, the same equations (4.1-4.13 as plant/rigid.py corrects them), the same
+Both sides have the same data, the same equations (4.1-4.13, corrected as in liftgate_plant/rigid.py), the same
 unknowns and start, and weights from the same noise. The scipy side is what an engineer would write down in an
 afternoon: the equations in Python, LSODA, two-point differences. The sides are compared twice: with four steps
 of voltage in 10 s, each of which LSODA crosses with long steps, and with a voltage as it is measured, different

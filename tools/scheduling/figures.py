@@ -46,7 +46,7 @@ class Figures:
     )
     result_s: float = _given(0.0019, "s", "taking a batch's result in")
     poll_s: float = _given(4e-7, "s", "asking whether a batch is done, for each in flight", "a flag of Dask's")
-    sleep_s: float = _given(0.02, "s", "pause between two looks", "`campaign/executors/cluster.py`")
+    sleep_s: float = _given(0.02, "s", "pause between two looks", "`campaigns/executors/cluster.py`")
     in_flight: int = _given(cluster._IN_FLIGHT, "", "batches in flight for each worker", "the same")
     scheduler_s: float = _given(0.0008, "s", "a batch in Dask's scheduler, from its submission to its end")
     # What comes after the last batch

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Self
 from liftgate_hil.config.choices import OwnSeed, ParametersChoice, VehicleSettings
 from liftgate_hil.config.described import Field, Record, fields_of, value_of
 from liftgate_hil.config.kinds import SEED, Choice, Flag, Kind, Raw, Text, Texts, Whole
+from liftgate_hil.config.shipped import DEFAULT_RIG, DEFAULT_VEHICLE
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError
@@ -48,9 +49,9 @@ class CampaignRequest(CampaignSubject, ParametersChoice, VehicleSettings):
     against: Annotated[str | Path | None, Field(Text(), "another ECU, or a mutant of the reference ECU, for the "
         "same variants", metavar="ECU")] = None
     vehicle: Annotated[str | Path | None, Field(Text("a shipped name, or a file"), "the vehicle: a shipped name, "
-        "or a file", "the scenario's, else suv", "NAME|FILE")] = None
-    rig: Annotated[str | Path | None, Field(Text("a shipped name, or a file"), "the rig", "the scenario's, else "
-        "liftgate", "NAME|FILE")] = None
+        "or a file", f"the scenario's, else {DEFAULT_VEHICLE}", "NAME|FILE")] = None
+    rig: Annotated[str | Path | None, Field(Text("a shipped name, or a file"), "the rig",
+        f"the scenario's, else {DEFAULT_RIG}", "NAME|FILE")] = None
     seed: OwnSeed = None
     rate: Rate = DEFAULT_RATE
     duration: Duration = None

@@ -48,7 +48,7 @@ def run(call: Call) -> int:
 
 
 class _Demo:
-    """The demo: a run, if too slow repeated on the free clock (not with a bus), and judged if it is whole."""
+    """The demo: a run, judged if it is whole, and repeated on the free clock if it was late (no ECU on a bus)."""
 
     def __init__(self, call: Call, stopped: StopSignals) -> None:
         from liftgate_hil.plan.setup import setup_for
@@ -106,14 +106,14 @@ class _Demo:
 
     def _shown(self, request: RunRequest, page: RunPage) -> "Result":
         """Run the demo with the given request and return its result. Raises LiftgateError."""
-        from liftgate_hil.testing.demo import rows_for_one
+        from liftgate_hil.testing.demo import rows_per_kept_one
 
         shown = self._run.result(
             request,
             page,
             is_wired=request.is_given,
             ecu_serial=self._files.ecu_serial,
-            trace=rows_for_one(self._whole, request.rate),
+            trace=rows_per_kept_one(self._whole, request.rate),
             gives_up_late=self._is_whole,
         )
         self._run.raise_error(shown)

@@ -1,4 +1,4 @@
-"""Machine code of all loops, made ahead of time: short runs and calls that need it."""
+"""Machine code of all loops, made ahead of time, by short runs and calls of all that is compiled."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from liftgate_hil.cli.command import Call, add_flags
 from liftgate_hil.errors import ConfigError, printable
@@ -71,7 +72,7 @@ def _draft(given: str, output: str | None) -> None:
     from liftgate_hil.cli.terminal.teller import Teller
     from liftgate_hil.config.drafting.draft import drafted
 
-    with Teller(is_quiet=False).progress(f"reading {printable(given)}"):
+    with Teller(is_quiet=False).progress(f"reading {printable(Path(given).name)}"):
         draft = drafted(given, None if output == "-" else output)
     if output in (None, "-"):
         print(draft.text, end="")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+from functools import partial
 
 from liftgate_hil.cli.command import Call, add_flags, as_flags
 from liftgate_hil.cli.stopping import StopSignals
@@ -48,7 +49,7 @@ def run(call: Call) -> int:
         print(as_flags(f"liftgate-hil simulate: {text}"), file=sys.stderr)
 
     with progress, reporting_compilation(teller, stopped), contextlib.suppress(GivenUpError):
-        found = simulated(request, write_table, stopped, report, teller.say, note)
+        found = simulated(request, partial(write_table, sys.stdout.buffer), stopped, report, teller.say, note)
         if found.is_complete:
             if request.output is not None and sys.stderr is not None and sys.stderr.isatty():  # to a person
                 teller.say(f"written: {request.output}, {found.rows} rows to {found.time_s:.3f} s")

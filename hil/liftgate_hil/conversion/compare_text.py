@@ -1,4 +1,4 @@
-"""Text of a comparison of two recordings: a table of the columns that differ, and what else does."""
+"""Text of a comparison of two recordings: a table of the columns that differ, other differences, the verdict."""
 
 from __future__ import annotations
 

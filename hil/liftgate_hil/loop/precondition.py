@@ -1,7 +1,7 @@
 """The precondition of a scenario: motions by which an ECU learns its gate before the scenario begins.
 
-They run in machine code with every clock, at their own pace and without observers: the scenario's time 0 is where
-they end, with gate and ECU as they are then. Nothing of the scenario acts before.
+With an ECU in this process they run in machine code with every clock, at their own pace and without observers: the
+scenario's time 0 is where they end, with gate and ECU as they are then. Nothing of the scenario acts before.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ POSITION = np.dtype(
         ("is_whole", "i8"),  # 1: no more frames will be put in
         ("played", "i8"),  # frames taken out of it
         ("accepted", "i8"),  # of these, frames that the wire accepted
-        ("start_ns", "i8"),  # when the first one is due (CLOCKMONOTONIC); 0: it has not begun
+        ("start_ns", "i8"),  # when the first one is due (CLOCK_MONOTONIC); 0: it has not begun
         ("starved", "i8"),  # times that a frame was late because the ring was empty
     ]
 )

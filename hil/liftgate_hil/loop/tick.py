@@ -95,7 +95,10 @@ class LoopState(NamedTuple):
     timeouts: int  # times a command went stale
 
 
-def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> LoopState:
+EDGES = 64  # of the ring of Hall edges, at least
+
+
+def initial_loop(config: LoopConfig, plant_state: State, edges: int = EDGES) -> LoopState:
     """Return the state before the first tick, with a ring for the last `edges` Hall edges."""
     return LoopState(
         plant=plant_state,

@@ -1,4 +1,4 @@
-"""Plan of a run, prepared once: objects, loop constants, stimuli, expectations and the recording trigger."""
+"""Plan of a run, prepared once: its loop's start (constants, state, stimuli), expectations, recording trigger."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from liftgate_hil.judging.expected import Expected, PreconditionEnd, expected_of
 from liftgate_hil.judging.stimulus_times import TimedFault
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.episode import LoopStart
-from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
+from liftgate_hil.loop.tick import EDGES, LoopConfig, LoopState, initial_loop
 from liftgate_hil.plan.recording_trigger import Trigger, trigger_of
 from liftgate_hil.plan.request import Job, RunRequest, ticks_of
 from liftgate_hil.plan.setup import Setup, setup_and_rig
@@ -37,8 +37,6 @@ from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
-
-_EDGES = 64  # of the ring of Hall edges
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Plan(Subject):
-    """Plan of a run: all that the run needs, validated. No run changes it: each goes on from a copy of `start`."""
+    """Plan of a run: all that it needs, validated. A plan of several runs lends each a copy of `start`."""
 
     way: Way | None  # of the wire; None: there is none
     start: LoopStart  # the gate at rest; the scenario's precondition, if any, comes before its time 0
@@ -173,16 +171,14 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
     )
 
 
-def loop_start_of(
-    setup: Setup, rig: Rig, rate: float, opening: Opening = CLOSED, edges: int = _EDGES
-) -> LoopStart:
+def loop_start_of(setup: Setup, rig: Rig, rate: float, opening: Opening = CLOSED, edges: int = EDGES) -> LoopStart:
     """Return a loop at rest with a setup's stimuli, for an ECU in this process. Raises ConfigError."""
     config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
     state = start_of(config, setup.start_angle, edges)
     return LoopStart(config, state, planned_stimuli(setup, rig, opening=opening))
 
 
-def start_of(config: LoopConfig, angle: float = 0.0, edges: int = _EDGES) -> LoopState:
+def start_of(config: LoopConfig, angle: float = 0.0, edges: int = EDGES) -> LoopState:
     """Return a loop's state with room for `edges` Hall edges; its gate rests at `angle` [rad], latched at 0."""
     is_closed = angle == 0.0
     state = closed_state(config.plant, config.load) if is_closed else initial_state(config.plant, angle)

@@ -1,4 +1,4 @@
-"""Provenance of a result (command line, date, versions, files), and of a recording: what is needed to repeat it.
+"""Provenance of a result (command line, date, versions, files), and of a recording (to repeat the recorded run).
 
 That of a recording is the same for the same run on the same machine, and so is the recording; it holds no
 wall-clock time.
@@ -7,6 +7,7 @@ wall-clock time.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import math
@@ -48,34 +49,16 @@ class Provenance(DescribedResult):
     sources: Annotated[Mapping[str, Source], Shown("files that were read, by purpose: `scenario`, `vehicle`, "
         "`rig`, `dbc`, …; of `test` and `judge` empty here, see `scenarios[].sources`", keys={"PURPOSE": "a "
         "file"})] = field(default_factory=dict)
-
-    # What is costly to find is found when it is asked for.
-    @property
-    def versions(self) -> Annotated[Mapping[str, str], Shown("versions by package", keys={"PACKAGE": "version; "
-            "`unknown`: the package is not installed"})]:
-        """Versions of this program, of Python and of the packages that a run needs."""
-        return versions()
-
-    @property
-    def platform(self) -> Annotated[str, Shown("operating system and processor architecture")]:
-        """Operating system and processor architecture."""
-        return platform.platform()
-
-    @property
-    def libc(self) -> Annotated[str, Shown("C library with its version")]:
-        """C library with its version."""
-        return " ".join(platform.libc_ver())
-
-    @property
-    def processor(self) -> Annotated[str, Shown("processor type for which code was compiled")]:
-        """Processor type for which code was compiled."""
-        return compiler.processor()[0]
-
-    @property
-    def processor_features(self) -> Annotated[str, Shown("processor features, each with + or -, separated by "
-            "commas")]:
-        """Processor features, each with + or -, separated by commas."""
-        return compiler.processor()[1]
+    versions: Annotated[Mapping[str, str], Shown("versions by package", keys={"PACKAGE": "version; `unknown`: the "
+        "package is not installed"})] = field(default_factory=versions)
+    platform: Annotated[str, Shown("operating system and processor architecture")] = field(
+        default_factory=platform.platform)
+    libc: Annotated[str, Shown("C library with its version")] = field(
+        default_factory=functools.cache(lambda: " ".join(platform.libc_ver())))  # it reads the whole interpreter
+    processor: Annotated[str, Shown("processor type for which code was compiled")] = field(
+        default_factory=lambda: compiler.processor()[0])
+    processor_features: Annotated[str, Shown("processor features, each with + or -, separated by commas")] = field(
+        default_factory=lambda: compiler.processor()[1])
 
     # fmt: on
     def rows(self) -> list[tuple[str, str]]:

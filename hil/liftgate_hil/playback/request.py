@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from liftgate_hil.config.choices import RecordingChannel, TimeZone, WireChoice
 from liftgate_hil.config.described import Field, Record
 from liftgate_hil.config.kinds import Choice, File, Flag, Names, Number, Whole
+from liftgate_hil.config.shipped import DEFAULT_RIG
 from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.formats.suffixes import WITH_FRAMES
 from liftgate_hil.plan.request import AskForRealtime
@@ -41,7 +42,7 @@ class ReplayRequest(ReplayedFile, WireChoice):
     """Request to play a recording's frames onto a bus or a serial line."""
 
     rig: Annotated[str | Path | None, Field(File(), "the rig: mapping of bus signals",
-        "liftgate", "NAME|FILE")] = None
+        DEFAULT_RIG, "NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
     direction: Annotated[str | None, Field(Choice(DIRECTIONS), "which frames to play: sent or received by the "

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, BinaryIO
 
 import numpy as np
 
@@ -291,12 +290,12 @@ def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[Fl
         yield block.rows
 
 
-def write_table(content: Content, blocks: Iterable[Floats]) -> None:
-    """Write a table to stdout as CSV. Raises RecordingError; BrokenPipeError where nobody reads on."""
+def write_table(stream: BinaryIO, content: Content, blocks: Iterable[Floats]) -> None:
+    """Write a table to a stream as CSV. Raises RecordingError; BrokenPipeError where nobody reads on."""
     from liftgate_hil.formats.csv_writer import CsvWriter
 
     try:
-        table = CsvWriter(sys.stdout.buffer, content)
+        table = CsvWriter(stream, content)
         for rows in blocks:
             table.write_rows(rows)
         table.flush()

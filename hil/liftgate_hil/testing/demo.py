@@ -73,7 +73,7 @@ def on_the_free_clock(request: RunRequest) -> RunRequest:
     return request.replaced(clock="free", realtime=False, **here)
 
 
-def rows_for_one(duration: float | None, rate: float) -> int:
+def rows_per_kept_one(duration: float | None, rate: float) -> int:
     """Return of how many rows of a run [s, Hz] one is kept for the picture; 1 (all rows) for the usual demo."""
     return _USUAL_EVERY if duration is None else int(max(1, math.ceil(duration * rate / _MOST_ROWS)))
 

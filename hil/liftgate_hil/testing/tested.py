@@ -63,11 +63,10 @@ class SuiteResult(DescribedResult):
     @property
     def verdicts(self) -> Mapping[str, Verdict]:
         """Verdicts by expectation; of several scenarios or recorded runs by "FILE: EXPECTATION"."""
-        found = [(one.case.file, one.result.expectations) for one in self.scenarios if one.result is not None]
-        prefixes = ["" if len(self.scenarios) == 1 else f"{file}: " for file, _ in found]
+        prefixes = ["" if len(self.scenarios) == 1 else f"{each.file}: " for each in self.scenarios]
         return Verdicts(
-            {f"{prefix}{name}": each for prefix, (_, own) in zip(prefixes, found, strict=True)
-             for name, each in own.items()}
+            {f"{prefix}{each.name}": each for prefix, one in zip(prefixes, self.scenarios, strict=True)
+             for each in one.expectations}
         )
 
     @property
@@ -201,7 +200,7 @@ def judge_on(
         refuse_inputs(targets, [each for each in files if isinstance(each, str | Path)])
         request = request.validated()
         about, runs = expectations_of(request), runs_of(paths_of(request), request.one_run)
-        cases = recorded_cases_of(runs, about, is_reported=any(targets.values()))
+        cases = recorded_cases_of(runs, about)
         refuse_inputs(targets, [path for case in cases for path in case.plan.inputs])
         clear_the_way(targets, heard.say)
         heard.prepared(cases)

@@ -98,15 +98,12 @@ def test_the_flag_one_run_joins_files_of_any_name_into_one_run(
     [
         (["a.csv", "./a.csv"], "a.csv: given twice; allowed: each file once"),
         (["a.csv", "b.csv", "--one-run"], "b.csv: a second table of a run"),
-        (["nobody.csv"], "nobody.csv"),
         (["a.csv", "--map", "left_current_a"], "--map left_current_a: allowed: OURS=THEIRS"),
         (["a.csv", "--map", "left_current_a=X"], "a.csv: left_current_a: no column 'X'; allowed: time_s"),
         (["a.csv", "--rig", "nobody.dbc"], "nobody.dbc"),
         (["a.csv", "--set-parameter", "x=1"], "--set-parameter x"),
         (["a.csv", "--html", "-"], "--html -: allowed: a file"),
         (["a.csv", "--junit", "no/such.xml"], "--junit no/such.xml: no such folder"),
-        (["a.csv", "--rate", "0"], "--rate"),
-        (["a.csv", "--longest-gap", "x"], "--longest-gap"),
         (["s.toml"], "format '.toml'; allowed: .csv, .tsv"),
     ],
 )  # fmt: skip

@@ -523,8 +523,6 @@ def test_mistakes_of_all_files_are_reported_at_once(capsys: pytest.CaptureFixtur
         (["empty"], "no scenario with [[expect]]"),
         (["s.toml", "--bus", "virtual:x"], "--bus: allowed together with --ecu bus"),
         (["s.toml", "--json", "nix/out.json"], "--json nix/out.json: no such folder"),
-        (["s.toml", "--html", "nix/out.html"], "--html nix/out.html: no such folder"),
-        (["s.toml", "--html", "-"], "--html -: allowed: a file"),
         (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
         (["s.toml", "--results", "s.toml"], "--results s.toml"),
         (["s.toml", "--mutation-threshold", "90"], "--mutation-threshold 90: allowed: together with --mutants"),

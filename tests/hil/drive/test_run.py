@@ -57,6 +57,13 @@ def test_a_result_has_extremes_of_every_column_and_the_ecus_events(scenario: Pat
     assert result.summary.ticks == 2501
 
 
+def test_the_json_of_a_result_says_why_it_ended_and_where_it_comes_from(scenario: Path) -> None:
+    told = lh.run(scenario).to_dict()
+    assert told["stop_reason"] == "duration"
+    assert told["provenance"]["command_line"].startswith("RunRequest(scenario=")
+    assert told["provenance"]["sources"]["scenario"]["path"] == str(scenario)
+
+
 def test_a_note_on_rig_and_vehicle_is_in_the_result_and_printed_once(
     scenario: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,6 @@ from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.outcome import Outcome, not_run
 from liftgate_hil.testing.suite import cases_of, run_case
-from liftgate_hil.version import version
 
 CLOSING = """
 description = "closing onto a rod"
@@ -62,7 +61,7 @@ after = "pinch_force_n > 5000"
 """
 RESTS = 'duration = 0.2\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
 HOSTILE = '<script>alert("1")</script>" onload="x" \u202e\\u0000 & ]]> </style>'
-ORIGIN = Provenance("liftgate-hil test <x>", "2026-01-01T00:00:00+00:00", {})
+ORIGIN = Provenance("liftgate-hil test <x>", "2026-01-01T00:00:00+00:00", {}, {"numpy": "2"})
 
 
 def outcomes_of(folder: Path, **files: str) -> list[Outcome]:
@@ -102,7 +101,7 @@ def test_an_html_report_begins_with_a_summary_and_ends_with_its_provenance(page:
     ):  # fmt: skip
         assert said in head
     tail = page.text[page.text.index("Provenance") :]
-    for said in ("liftgate-hil test <x>", "2026-01-01", f"numpy {version('numpy')}"):
+    for said in ("liftgate-hil test <x>", "2026-01-01", "numpy 2"):
         assert said in tail
         assert said not in head.partition("verdict")[2]
     assert len(re.findall(r"\b[0-9a-f]{64}\b", tail)) == 5  # vehicle, rig, dbc, two scenarios

@@ -321,9 +321,8 @@ def test_a_decoded_table_is_judged_like_its_log(tmp_path: Path, suffix: str) -> 
     )
     maps = ["sensed_gate_angle_deg=HK_Status.HK_Winkel", "sensed_left_current_a=HK_Motor.HK_StromLinks"]
     theirs = lh.judge([log], own, rig=CAR / "theirs.dbc", maps=maps).verdicts
-    ours = lh.judge(
-        [table_], own, maps=maps, rig=CAR / "theirs.dbc" if suffix == ".csv" else None
-    ).verdicts  # has no units
+    rig = CAR / "theirs.dbc" if suffix == ".csv" else None  # has no units
+    ours = lh.judge([table_], own, maps=maps, rig=rig).verdicts
     for name, verdict in theirs.items():
         assert (ours[name].verdict, ours[name].margin) == ("pass", pytest.approx(verdict.margin)), name
 

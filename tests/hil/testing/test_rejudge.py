@@ -70,6 +70,14 @@ def test_every_format_gives_the_verdicts_of_the_run(run: tuple[Path, lh.Result],
     assert again == dict(result.expectations)
 
 
+def test_a_run_that_cannot_be_judged_has_errors(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+    folder, _ = run
+    (tmp_path / "broken.csv").write_text("time_s\nnothing\n")
+    found = lh.judge([folder / "run.csv", tmp_path / "broken.csv"], folder / "s.toml")
+    assert (len(found.scenarios), found.verdict) == (2, "error")
+    assert found.verdicts[f"{tmp_path / 'broken.csv'}: soft"].verdict == "error"
+
+
 def test_a_recording_of_a_lockstep_run_gives_the_verdicts_of_the_run(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO)
     files = [tmp_path / "run.csv", tmp_path / "run.log"]

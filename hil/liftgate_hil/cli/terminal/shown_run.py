@@ -1,4 +1,4 @@
-"""A run by `run` or `demo`, shown while it lasts, and its result, printed; with the flags of both."""
+"""A run by `run` or `demo`, shown on the terminal while it lasts, with its result; and the flags of both."""
 
 from __future__ import annotations
 

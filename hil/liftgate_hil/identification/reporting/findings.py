@@ -51,7 +51,8 @@ _TURNED = (
 )
 _STRONG = 0.9  # correlation of two parameters from which on it is reported
 VALUES = ("value", "std", "relative_error", "initial", "change_percent", "unit")  # columns of an estimate
-ERRORS = columns_in(PhaseErrors, "rms", "maximum", "samples")
+ERRORS = ("mean", "rms", "maximum")  # of an output
+PHASE = columns_in(PhaseErrors, "rms", "maximum", "samples")
 EXCUSES = {"rounding": "not white: rounding of the data", "slopes": "not white: derived from the position"}
 
 

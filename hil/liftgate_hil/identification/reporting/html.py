@@ -8,6 +8,7 @@ from liftgate_hil.described_result import columns_in
 from liftgate_hil.identification.reporting import figures
 from liftgate_hil.identification.reporting.findings import (
     ERRORS,
+    PHASE,
     VALUES,
     dependences,
     firsts,
@@ -17,7 +18,7 @@ from liftgate_hil.identification.reporting.findings import (
 from liftgate_hil.identification.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.plan.provenance import Provenance
 from liftgate_hil.report.drawing import svg
-from liftgate_hil.report.numbers import column_label, fit, percent, plain, significant
+from liftgate_hil.report.numbers import column_label, percent, plain, significant
 from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table, table_of
 
 _FIT = (
@@ -140,19 +141,16 @@ def _states(estimates: Sequence[Estimate]) -> str:
 
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
-    heads = ["experiment", "output", "fit %", "mean error", "rms", "largest error", "unit", "residual"]
-    classes = ["name", "n", "r", "r", "r", "r", "n", "soft"]
+    columns = columns_in(Series, *(["fit_before"] if before else []), "fit_percent", *ERRORS)
+    heads = ["experiment", "output", *(each.head for each in columns), "unit", "residual"]
+    classes = ["name", "n", *(each.look for each in columns), "n", "soft"]
     rows = []
     for experiment in experiments:
         for i, each in enumerate(experiment.series):
             label, unit = column_label(each.output)
-            cells = [experiment.name if i == 0 else "", label, fit(each.fit_percent)]
-            cells += [column.cell(each) for column in columns_in(Series, "mean", "rms", "maximum")]
+            cells = [experiment.name if i == 0 else "", label, *(column.cell(each) for column in columns)]
             cells += [unit, _residual(each)]
-            rows.append([*cells[:2], fit(each.fit_before), *cells[2:]] if before else cells)
-    if before:
-        heads.insert(2, "before %")
-        classes.insert(2, "r")
+            rows.append(cells)
     return table(heads, rows, classes) + (f'<p class="soft">{_FIT}</p>' if rows else "")
 
 
@@ -200,14 +198,14 @@ def _phases(experiments: Sequence[Experiment]) -> str:
             experiment.name,
             column_label(each.output)[0],
             phase,
-            *(column.cell(errors) for column in ERRORS),
+            *(column.cell(errors) for column in PHASE),
             column_label(each.output)[1],
         )
         for experiment in experiments
         for each in experiment.series
         for phase, errors in each.phases.items()
     ]
-    heads = ("experiment", "output", "phase", *(each.head for each in ERRORS), "unit")
+    heads = ("experiment", "output", "phase", *(each.head for each in PHASE), "unit")
     return table(heads, rows, ("name", "n", "", "r", "r", "r", "n"))
 
 

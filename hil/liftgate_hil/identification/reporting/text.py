@@ -12,6 +12,7 @@ from liftgate_hil.described_result import Column, columns_in
 from liftgate_hil.identification.design import ExperimentPlan, Ranked
 from liftgate_hil.identification.reporting.findings import (
     ERRORS,
+    PHASE,
     VALUES,
     dependences,
     firsts,
@@ -207,13 +208,13 @@ def _residual(series: Series) -> str:
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> list[str]:
     lines: list[str] = []
-    heads = ("", "fit %", "mean", "rms", "largest", "residual")
+    heads = ("", "fit %", *(each.head for each in columns_in(Series, *ERRORS)), "residual")
     for experiment in experiments:
         rows = [
             (
                 clean(each.output, 24),
                 f"{fit(each.fit_before)} -> {fit(each.fit_percent)}" if before else fit(each.fit_percent),
-                *(column.cell(each) for column in columns_in(Series, "mean", "rms", "maximum")),
+                *(column.cell(each) for column in columns_in(Series, *ERRORS)),
                 _residual(each),
             )
             for each in experiment.series
@@ -230,12 +231,12 @@ def _phases(experiments: Sequence[Experiment]) -> list[str]:
             (
                 clean(each.output, 30) if i == 0 else "",
                 clean(phase, 30),
-                *(column.cell(errors) for column in ERRORS),
+                *(column.cell(errors) for column in PHASE),
             )
             for each in experiment.series
             for i, (phase, errors) in enumerate(each.phases.items())
         ]
         if rows:
             lines += [""] * bool(lines) + [clean(experiment.name, WIDTH - 4)]
-            lines += table(("", "phase", *(each.head for each in ERRORS)), rows, "llrrr")
+            lines += table(("", "phase", *(each.head for each in PHASE)), rows, "llrrr")
     return lines
