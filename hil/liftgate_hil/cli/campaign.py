@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.campaigns.request import CampaignRequest
 from liftgate_hil.cli.command import Call, add_flags, add_printed
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.config.described import fields_of
 from liftgate_hil.errors import ConfigError, LiftgateError, printable
 from liftgate_hil.plan.request import RunRequest
 
@@ -43,6 +44,9 @@ def run(call: Call) -> int:
     from liftgate_hil.plan.provenance import provenance_of
 
     if call.values["replay"] is not None:
+        values = {each: call.values[each.name] for each in fields_of(CampaignRequest) if each.name != "scenario"}
+        if given := [each.name for each, value in values.items() if value and each.is_given(value)]:
+            raise ConfigError(f"`replay`: not together with {', '.join(f'`{name}`' for name in given)}")
         arrow()
         return _replay(call)
     if call.values["record"]:

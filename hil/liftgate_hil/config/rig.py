@@ -26,11 +26,10 @@ from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_hil.stimuli.restbus import BusTables
 from liftgate_plant.signals import Signal
 
+DEFAULT_BITRATE = 500_000.0  # bit/s
 _COMMAND_MS = 10.0  # cycle of the command on the shipped bus
 
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
-
-DEFAULT_BITRATE = 500_000.0  # bit/s
 
 
 # fmt: off

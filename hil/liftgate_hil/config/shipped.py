@@ -18,7 +18,6 @@ KINDS = ("scenarios", "vehicles", "rigs", CAMPAIGNS)  # folders of shipped files
 _PARTS = "parts"  # folder of scenarios that others include
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-
 # Where nothing else is named.
 DEFAULT_VEHICLE, DEFAULT_RIG = "suv", "liftgate"
 

@@ -189,7 +189,7 @@ def compared(request: CompareRequest, report: Say = silent, say: Say = silent) -
     `report` is called with the progress, `say` with a note on a replaced picture. Raises ConfigError.
     """
     window, tolerance_s = window_of(request.from_s, request.to_s), _time_tolerance_s(request)
-    rig, columns = request.rig, request.columns
+    rig, columns = str(request.rig) if request.rig else None, request.columns
     how = read_options(request.recording_channel, request.timezone)
     paths = Path(request.first), Path(request.second)
     inputs = [*paths, *([] if rig is None else files_of(rig))]

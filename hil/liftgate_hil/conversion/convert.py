@@ -79,7 +79,7 @@ def converted(
 
     Raises ConfigError, RecordingError.
     """
-    source, rig = Path(request.source), request.rig
+    source, rig = Path(request.source), str(request.rig) if request.rig else None
     try:
         target = check_file("OUT", str(Path(request.target)))
     except ConfigError as error:

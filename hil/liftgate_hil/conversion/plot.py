@@ -35,7 +35,7 @@ def plotted(request: PlotRequest, say: Say = silent) -> Plotted:
     """Draw a figure into a file; `say` is called with what happened to an existing file. Raises ConfigError."""
     _check(request)
     sources = [each for each in (request.recording, request.vehicle) if each is not None]
-    sources += [] if request.rig is None else files_of(request.rig)
+    sources += [] if request.rig is None else files_of(str(request.rig))
     target = check_picture(str(request.output or _target(request)), sources)
     subject = _subject(request)
     made = drawn(request.figure, subject)
@@ -107,17 +107,18 @@ def _subject(request: PlotRequest) -> FigureSubject:
     stem = f"{Path(name).stem}{' (ideal)' if request.ideal else ''}"
     called = f"{stem} with {changes}" if changes else stem
     window, table = window_of(request.from_s, request.to_s), None
+    rig = str(request.rig) if request.rig else None
     title = f"{stem}, changed" if changes else stem
     if kind.of_recording and request.recording is not None:
         how = read_options(request.recording_channel, request.timezone)
-        table = open_whole(Path(request.recording), request.rig, how, request.columns)
+        table = open_whole(Path(request.recording), rig, how, request.columns)
         title = Path(request.recording).name
     if request.figure != COLUMNS:
         title = f"{title}: {kind.meaning}"
     return FigureSubject(
         title=title,
         table=table,
-        rig=request.rig,
+        rig=rig,
         columns=request.columns,
         window=window,
         vehicle=vehicle,

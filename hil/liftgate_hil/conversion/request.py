@@ -66,7 +66,7 @@ def tolerance_in(text: str) -> tuple[str, float]:
 
 
 # fmt: off
-Rig = Annotated[str | None, Field(Text("a rig's name, or a file"),
+Rig = Annotated[str | Path | None, Field(Text("a rig's name, or a file"),
     "a rig, or its database: decodes the frames into signals", metavar="NAME|FILE")]
 From = Annotated[float | None, Field(Number(-1e9, 1e9, "s"), "start at this time", "the recording's start", "S",
     flag="from")]
@@ -81,8 +81,8 @@ class ConvertRequest(Record, kw_only=False):
     target: Annotated[str | Path, Field(File(), f"the file to write: {' '.join(ROWS_ONLY)} hold rows, "
         f"{' '.join(BUS_LOGS)} frames, {' '.join(ROWS_AND_FRAMES)} both; what is there is kept, as "
         "out.previous.mf4", metavar="OUT_FILE")]
-    rig: Annotated[str | None, Field(Text("a rig's name, or a file"), "a rig, or its database: decodes the frames "
-        "into a table of signals", metavar="NAME|FILE")] = None
+    rig: Annotated[str | Path | None, Field(Text("a rig's name, or a file"), "a rig, or its database: decodes the "
+        "frames into a table of signals", metavar="NAME|FILE")] = None
     recording_channel: RecordingChannel = None
     timezone: TimeZone = None
 

@@ -37,7 +37,8 @@ class Result(described_result.DescribedResult):
     _asks = 'result.verdict == "pass"'
 
     verdict: str  # the worst of its expectations; "error": the run did not reach its end
-    reason: str  # of "error": why; of "fail" and "inconclusive": why each of the expectations, or why given up
+    reason: Annotated[str, Shown("of an error: why; of a failed or inconclusive run: why each of the "
+        "expectations, or why it was given up; else empty")]
     maxima: Annotated[Mapping[str, float], Shown("largest value of each column of recordings", keys={
         "COLUMN": "in the unit of the [signal](signals.md); null: unknown"})]
     minima: Annotated[Mapping[str, float], Shown("smallest value of each column of recordings", keys={
@@ -62,9 +63,10 @@ class Result(described_result.DescribedResult):
 
     @property
     def judged(self) -> Annotated[str | None, Shown("`pass`, `fail`, `error` or `inconclusive`: the worst of the "
-        "expectations; null: there are none. The exit code of `run` reports on the bench alone", key="verdict")]:
-        """Worst verdict of the scenario's expectations; None: there are none."""
-        return self.verdict if self.expectations else None
+        "expectations, `error` if it did not reach its end; null: there are no expectations. The exit code of "
+        "`run` reports on the bench alone", key="verdict")]:
+        """Worst verdict of the scenario's expectations, or "error"; None: there are no expectations."""
+        return self.verdict if self.expectations or self.verdict == ERROR else None
 
     @property
     def verdicts(self) -> Annotated[tuple[Verdict, ...], Shown("verdicts on the scenario's expectations, see "
@@ -73,10 +75,11 @@ class Result(described_result.DescribedResult):
         return tuple(self.expectations.values())
 
     @property
-    def stop_reason(self) -> Annotated[str, Shown("signal that stopped the run: `SIGINT`, `SIGTERM`; else `given "
-        "up`, if the bench ended it early (exit code 3), or `duration`")]:
-        """Name of the signal that stopped the run, "given up", or "duration"."""
-        return self.stopped_by or (GIVEN_UP if self.is_given_up else "duration")
+    def stop_reason(self) -> Annotated[str, Shown("signal that stopped the run: `SIGINT`, `SIGTERM`; else "
+        "`error`, `given up`, if the bench ended it early (exit code 3), or `duration`")]:
+        """Name of the signal that stopped the run, "error", "given up", or "duration"."""
+        early = GIVEN_UP if self.is_given_up else "duration"
+        return self.stopped_by or (ERROR if self.verdict == ERROR else early)
 
     # fmt: on
     @property

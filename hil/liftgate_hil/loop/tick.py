@@ -56,6 +56,7 @@ from liftgate_plant.rows import disturbed, overlaid, rise_under, truth_of, value
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.signals import Sensed, Truth
 
+EDGES = 64  # of the ring of Hall edges, at least
 WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
 
@@ -93,9 +94,6 @@ class LoopState(NamedTuple):
     transmission: Transmission
     tick: int  # plant steps done
     timeouts: int  # times a command went stale
-
-
-EDGES = 64  # of the ring of Hall edges, at least
 
 
 def initial_loop(config: LoopConfig, plant_state: State, edges: int = EDGES) -> LoopState:

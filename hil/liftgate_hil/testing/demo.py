@@ -14,6 +14,7 @@ from liftgate_hil.ecu.names import REFERENCE
 from liftgate_hil.errors import ConfigError, number_of
 from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 from liftgate_hil.plan.request import RunRequest
+from liftgate_hil.report.files import check_targets
 from liftgate_hil.report.pinch import LIMITS, PinchEvent, pinch_event
 from liftgate_hil.testing.request import DemoFiles
 
@@ -58,6 +59,7 @@ def demo_request(request: RunRequest, files: DemoFiles) -> RunRequest:
     try:
         if made:
             folder.mkdir(parents=True, exist_ok=True)
+            check_targets({"output": folder / PICTURE}, [])
     except OSError as error:
         raise ConfigError(
             f"`output` {files.output}: cannot be created: {error.strerror}; allowed: a folder"

@@ -48,7 +48,8 @@ class SuiteResult(DescribedResult):
 
     _asks = 'result.verdict == "pass"'
 
-    scenarios: Annotated[tuple[Outcome, ...], Shown("scenarios in the order given; of `judge` recordings")]
+    scenarios: Annotated[tuple[Outcome, ...], Shown("scenarios in the order given; of `judge` runs, by the "
+        "names of their recordings")]
     provenance: Annotated[Provenance, Shown("see Provenance")]
     mutation: Annotated[MutationResult | None, Shown("`test --mutants` only: which defects of the reference ECU "
         "the scenarios find; else null")] = None

@@ -621,9 +621,7 @@ def test_an_ecu_process_may_print_more_than_a_pipe_buffer_holds(capsys: pytest.C
     ("arguments", "said"),
     [
         (["--record-limit", "5MB"], "--record-limit 5000000: allowed: together with --record"),
-        (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .parquet"),
         (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
-        (["--rig", "their.dbc"], "their.dbc: a database, not a rig; allowed: a rig in TOML ("),
         (["--ecu", f"{__name__}:NoStep"], f"--ecu {__name__}:NoStep: no step(); allowed: an object with step("),
     ],
 )
@@ -635,7 +633,6 @@ def test_issues_name_flags_as_typed_on_the_command_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("their.dbc").write_text('VERSION ""\n')
     assert demo("--no-record", *arguments) == 2
     assert said in capsys.readouterr().err
 
@@ -667,3 +664,11 @@ def test_a_scenario_without_expectations_is_reported_as_not_judged(
     (folder / "mine.toml").write_text("duration = 0.1\n")
     assert main(["demo", "--clock", "free", "--no-record", "--scenario", "mine.toml"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "not judged: mine.toml states no expectations"
+
+
+def test_a_folder_in_the_place_of_the_picture_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "demo.png").mkdir()
+    assert demo("--output", str(tmp_path)) == 2
+    assert "demo.png: is a folder" in capsys.readouterr().err

@@ -104,7 +104,6 @@ def test_the_flag_one_run_joins_files_of_any_name_into_one_run(
         (["a.csv", "--set-parameter", "x=1"], "--set-parameter x"),
         (["a.csv", "--html", "-"], "--html -: allowed: a file"),
         (["a.csv", "--junit", "no/such.xml"], "--junit no/such.xml: no such folder"),
-        (["s.toml"], "format '.toml'; allowed: .csv, .tsv"),
     ],
 )  # fmt: skip
 def test_wrong_usage_is_exit_code_2_and_no_traceback(

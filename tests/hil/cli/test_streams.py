@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from liftgate_hil.cli import main as main_module
+from liftgate_hil.cli.terminal import streams
 
 # Without a buffer nobody knows any more which file was full.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
@@ -121,3 +124,21 @@ def test_a_foreign_ecu_runs_with_closed_streams(tmp_path: Path, redirected: str)
     assert {"junit.xml", "report.html", "verdicts.json", "s.csv"} <= {
         each.name for each in (tmp_path / "results").iterdir()
     }
+
+
+def test_an_unbuffered_stdout_loses_nothing_that_a_pipe_takes_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Parts(io.RawIOBase):
+        taken = b""
+
+        def writable(self) -> bool:
+            return True
+
+        def write(self, data: Any, /) -> int:
+            self.taken += bytes(data)[:10]
+            return min(len(data), 10)
+
+    parts = Parts()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(parts, "utf-8"))  # type: ignore[arg-type]
+    streams.write_whole()
+    print("x" * 1000)
+    assert parts.taken == b"x" * 1000 + b"\n"

@@ -526,7 +526,6 @@ def test_mistakes_of_all_files_are_reported_at_once(capsys: pytest.CaptureFixtur
         (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
         (["s.toml", "--results", "s.toml"], "--results s.toml"),
         (["s.toml", "--mutation-threshold", "90"], "--mutation-threshold 90: allowed: together with --mutants"),
-        (["s.toml", "--ecu", "bus"], "--bus: missing"),
     ],
 )
 def test_wrong_usage_is_reported(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -106,7 +106,6 @@ action = "fly"
         ("[[obstacle]]\nangle_deg = 300", "obstacle[0].angle_deg"),
         ("[[obstacle]]\nangle_deg = 30\nend = 0", "obstacle[0].end"),
         ("[[request]]\ntime = -1\naction = 'open'", "request[0].time"),
-        ("[[request]]\ntime = nan\naction = 'open'", "request[0].time"),
         ("[[request]]\ntime = 1\naction = ['open']", "request[0].action"),
     ],
 )

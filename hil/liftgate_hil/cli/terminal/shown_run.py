@@ -132,5 +132,5 @@ def _verdicts(result: Result) -> list[str]:
     """Return the verdicts on the scenario's expectations as lines of text; empty: there are none."""
     from liftgate_hil.judging.verdict import line_of
 
-    found = [f"  {printable(name)}: {line_of(each)}" for name, each in result.expectations.items()]
+    found = [f"  {printable(name)}: {as_flags(line_of(each))}" for name, each in result.expectations.items()]
     return ["expectations:", *found] if found else []

@@ -19,6 +19,14 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def write_whole() -> None:
+    """Buffer an unbuffered stdout (PYTHONUNBUFFERED), as a raw stream may write only a part of what it gets."""
+    stdout = sys.stdout
+    if isinstance(stdout, io.TextIOWrapper) and isinstance(stdout.buffer, io.RawIOBase):
+        encoding = stdout.encoding
+        sys.stdout = io.TextIOWrapper(io.BufferedWriter(stdout.detach()), encoding, line_buffering=True)
+
+
 def hold_descriptors() -> None:
     """Open /dev/null where stdin, stdout or stderr is closed: else the next file would get its descriptor."""
     for number in range(3):
