@@ -106,3 +106,8 @@ def __getattr__(name: str) -> object:
         if name in names:
             return getattr(import_module(module), _OTHERS.get(name, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> "list[str]":
+    """Return the public names of the package."""
+    return [*__all__, "__version__"]

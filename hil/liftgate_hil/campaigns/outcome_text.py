@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from liftgate_hil.campaigns.run import CampaignOutcome
 
 
-def line_of(state: CampaignProgress) -> str:
+def progress_line(state: CampaignProgress) -> str:
     """Return the state of a campaign as one line of text."""
     parts = [f"{state.done}/{state.count or '?'} variants", f"{state.per_second:.1f} a second"]
     if state.retried:

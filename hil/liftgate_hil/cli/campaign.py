@@ -37,7 +37,7 @@ def run(call: Call) -> int:
     # Before numpy is loaded: on busy CPUs, threads of the BLAS make a search of small matrices 15 times slower.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from liftgate_hil.campaigns.command import campaigned
-    from liftgate_hil.campaigns.outcome_text import line_of, outcome_lines
+    from liftgate_hil.campaigns.outcome_text import outcome_lines, progress_line
     from liftgate_hil.campaigns.results import arrow
     from liftgate_hil.campaigns.run import CampaignWatcher
     from liftgate_hil.cli.terminal.teller import Teller
@@ -56,7 +56,7 @@ def run(call: Call) -> int:
     with _ended_in_order(stop), teller.progress("campaign") as progress:
 
         def show(state: CampaignProgress) -> None:
-            progress.update(state.done, state.count, line_of(state), before=state.found)
+            progress.update(state.done, state.count, progress_line(state), before=state.found)
 
         watcher = CampaignWatcher(stop, show, teller.say)
         found = campaigned(request, provenance_of(call.command_line, {}), watcher)

@@ -77,7 +77,7 @@ class ShowVersion(argparse.Action):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return 0: done, 1: failed, 2: misuse, unjudged, 3: inconclusive, 128 + signal."""
     if argv is None:  # the program owns this process
-        streams.write_whole()
+        streams.buffer_stdout()
     streams.prepare()
     try:
         if argv is None:

@@ -48,25 +48,23 @@ class RecordedCase(Case):
     differences: Sequence[str]
 
 
-def recorded_cases_of(
-    runs: Sequence[tuple[Path, ...]], about: RecordingExpectations, is_reported: bool = True
-) -> list[RecordedCase]:
-    """Return a case for each run; `is_reported`: with hashes of its files, for reports. Raises ConfigError."""
+def recorded_cases_of(runs: Sequence[tuple[Path, ...]], about: RecordingExpectations) -> list[RecordedCase]:
+    """Return a case for each run, with hashes of its files. Raises ConfigError."""
     found = []
     for paths in runs:
         own, differences = as_recorded(paths, about)
-        subject = _subject_of(paths, own, is_reported)
+        subject = _subject_of(paths, own)
         found.append(RecordedCase(str(paths[0]), subject, paths, about=own, differences=differences))
     return found
 
 
-def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations, is_reported: bool) -> Subject:
+def _subject_of(paths: tuple[Path, ...], about: RecordingExpectations) -> Subject:
     files = about.setup.files | {"rig": Path(about.rig.source), "dbc": about.rig.database}
     files.pop("vehicle", None)  # the recording may be of another one
     files |= {f"recording {k}": path for k, path in enumerate(paths, 1)}
     asked, clock = about.request, _CLOCK
     job = Job(RunRequest(about.setup.scenario, "", clock, rig=about.rig, rate=asked.rate, duration=asked.duration))
-    return Subject(job, about.setup, about.rig, sources_of(files) if is_reported else {})
+    return Subject(job, about.setup, about.rig, sources_of(files))
 
 
 def judge_suite(

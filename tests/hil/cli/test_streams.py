@@ -139,6 +139,6 @@ def test_an_unbuffered_stdout_loses_nothing_that_a_pipe_takes_in_parts(monkeypat
 
     parts = Parts()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(parts, "utf-8"))  # type: ignore[arg-type]
-    streams.write_whole()
+    streams.buffer_stdout()
     print("x" * 1000)
     assert parts.taken == b"x" * 1000 + b"\n"

@@ -19,7 +19,7 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def write_whole() -> None:
+def buffer_stdout() -> None:
     """Buffer an unbuffered stdout (PYTHONUNBUFFERED), as a raw stream may write only a part of what it gets."""
     stdout = sys.stdout
     if isinstance(stdout, io.TextIOWrapper) and isinstance(stdout.buffer, io.RawIOBase):
